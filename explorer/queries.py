@@ -8,10 +8,10 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import replace
 
 from explorer.catalogue import ReleaseCatalogue
-from explorer.everyday_sizes import all_axes_text
-from explorer.responses import labels_by_list, medians, shown_name, tree_reference
+from explorer.responses import labels_by_list, medians, size_answer, tree_reference
 from explorer.schemas import SearchAnswer, SearchHit, SearchQuery
 from metric_base.errors import InputError
 from metric_tree.node import Meaning, UnknownName
@@ -24,6 +24,8 @@ LEADING = (
     rf"average|standard|typical|normal|{_SIZES} of|the|an?) "
 )
 TRAILING = rf" (?:{_SIZES}|\d+|in|inch|inches|cm|mm|m|ft|feet)$"
+#: Rules of `Meaning.how` by which a text has words that no name of its node has.
+TAKEN = frozenset({"modifier stripped", "broader kind", "misspelt"})
 #: Punctuation of a sentence, which is no part of a name or number.
 PUNCTUATION = r"[?!;:,.]+(?:\s|$)"
 
@@ -55,7 +57,7 @@ def searched_meaning(catalogue: ReleaseCatalogue, query: str) -> tuple[str, Mean
 
 
 def search_response(catalogue: ReleaseCatalogue, query: SearchQuery) -> SearchAnswer:
-    """Return the nodes for a text, the most likely first, and a sentence about the first one if the text is its name.
+    """Return the nodes for a text, the most likely first, and a sentence about the first one if the text means it.
 
     Raises
     ------
@@ -66,17 +68,13 @@ def search_response(catalogue: ReleaseCatalogue, query: SearchQuery) -> SearchAn
         raise InputError("q: expected a text; found spaces only")
     text, meaning = searched_meaning(catalogue, query.q)
     nodes = catalogue.tree.search(text or query.q, query.limit)
-    meant = meaning.node if meaning is not None else nodes[0] if len(nodes) == 1 else None
-    if meant is None and text:
-        with suppress(UnknownName):
-            catalogue.tree.resolve(text, advice=False)  # the text is a name, perhaps with a mistake
-            meant = nodes[0]
     answer = None
-    if meant is not None:
-        nodes = (meant, *(node for node in nodes if node.node_id != meant.node_id))[: query.limit]
-        if catalogue.dims(meant):
-            stated = f", {meant.stated.name}" if meant.stated is not None else ""
-            answer = f"{shown_name(meant)}{stated}: {all_axes_text(meant, medians(catalogue, meant))}."
+    if meaning is None and text:
+        with suppress(UnknownName):
+            meaning = replace(catalogue.tree.resolve(text, advice=False), node=nodes[0])
+    if meaning is not None:
+        nodes = (meaning.node, *(node for node in nodes if node.node_id != meaning.node.node_id))[: query.limit]
+        answer = size_answer(catalogue, meaning.node, meaning.how in TAKEN)
     hits = [
         SearchHit(
             node.node_id,

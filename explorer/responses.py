@@ -10,13 +10,14 @@ from msgspec import UNSET, structs
 
 from explorer import schemas
 from explorer.catalogue import ReleaseCatalogue
-from explorer.everyday_sizes import all_axes_text
+from explorer.charts.axis import length_text
+from explorer.everyday_sizes import all_axes_text, axis_words
 from explorer.urls import MIN_PARQUET_ROWS, PAGE_ROWS, page_of, slug
 from metric_base.arrays import FloatArray, grouped
 from metric_base.errors import InputError
 from metric_tree.node import Node
 from metric_tree.prior import FAMILY, MEDIAN, QUANTILES, Prior
-from metric_tree.reports.description import is_heterogeneous, node_sentence
+from metric_tree.reports.description import MIXED_RATIO, is_heterogeneous, node_sentence
 from metric_tree.tree import Tree
 
 #: Maximum number of images in a response, more than on a page.
@@ -27,6 +28,9 @@ MAX_QUANTILES = 50
 MAX_DENSITY_SIZES = 100
 #: Exclusive minimum and maximum of these sizes in mm, so that logarithms and densities are finite.
 DENSITY_SIZE_RANGE_MM = (1e-6, 1e12)
+#: Maximum number of narrower categories that an answer names, and the minimum ratio of their largest to their smallest
+#: median: below it, they are nearly as large as the category.
+MAX_NARROWER, MIN_NARROWER_RATIO = 4, 1.5
 #: Maximum number of nodes in a comparison.
 MAX_COMPARED = 6
 #: Maximum length of a list of numbers in characters.
@@ -65,13 +69,15 @@ def quantile_table(
 
 
 def sentence(catalogue: ReleaseCatalogue, node: Node) -> str:
-    """Return a sentence about the main size of a node, and one about all its axes if there are several."""
+    """Return sentences about the main size of a node, all its axes if there are several, and narrower categories."""
     prior = catalogue.prior(node)
     if prior is None:
         return "Nothing is known of its size."
     text = node_sentence(node, shown_name(node), prior)
-    if len(prior.dims) > 1 and not is_heterogeneous(node, prior):
-        text += f" All axes: {all_axes_text(node, medians(catalogue, node))}."
+    if not is_heterogeneous(node, prior):
+        if len(prior.dims) > 1:
+            text += f" All axes: {all_axes_text(node, medians(catalogue, node))}."
+        text += narrower_text(catalogue, node)
     return text + (f" Height: {node.height_is}." if node.height_is else "")
 
 
@@ -79,6 +85,40 @@ def medians(catalogue: ReleaseCatalogue, node: Node) -> dict[str, float]:
     """Return the medians of the dimensions of a node in mm, with five digits."""
     values = map(_rounded, catalogue.quantiles(node)[MEDIAN].tolist())
     return dict(zip(catalogue.dims(node), values, strict=True))
+
+
+def longest_axis(catalogue: ReleaseCatalogue, node: Node) -> str:
+    """Return the dimension of a node with the largest median, empty without a prior."""
+    sizes = medians(catalogue, node)
+    return max(sizes, key=lambda dim: sizes[dim], default="")
+
+
+def narrower_text(catalogue: ReleaseCatalogue, node: Node) -> str:
+    """Return the medians of the subcategories with most items as a sentence, nothing if they are similar."""
+    axis = longest_axis(catalogue, node)
+    known = [child for child in node.children if axis in catalogue.dims(child) and not child.node_id.endswith("/other")]
+    shown = sorted(known, key=lambda child: (-child.n_items, child.node_id))[:MAX_NARROWER]
+    sizes = [medians(catalogue, child)[axis] for child in shown]
+    if node.stated is not None or max(sizes, default=0) < MIN_NARROWER_RATIO * min(sizes, default=1):
+        return ""
+    texts = [f"{shown_name(child)} {length_text(mm, max(sizes))}" for child, mm in zip(shown, sizes, strict=True)]
+    return f" Narrower: {', '.join(texts)} {axis_words(node)[axis]}."
+
+
+def size_answer(catalogue: ReleaseCatalogue, node: Node, is_taken: bool) -> str:
+    """Return the answer of a search: name, medians and tier of a node, and its narrower categories.
+
+    `is_taken` states that the text of the search is not a name of the node.
+    """
+    stated = f", {node.stated.name}" if node.stated is not None else ""
+    start = f"{'Taken as ' if is_taken else ''}{shown_name(node)}{stated}: "
+    prior = catalogue.prior(node)
+    if prior is None:
+        return f"{start}nothing is known of its size."
+    if is_heterogeneous(node, prior):
+        return f"{start}sizes differ by more than {MIXED_RATIO:g} times; choose a narrower category."
+    sizes = all_axes_text(node, medians(catalogue, node))
+    return f"{start}{sizes} ({catalogue.tier(node)}).{narrower_text(catalogue, node)}"
 
 
 def labels_by_list(catalogue: ReleaseCatalogue, node: Node) -> dict[str, list[str]]:

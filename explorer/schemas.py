@@ -157,7 +157,8 @@ class SearchAnswer(msgspec.Struct, kw_only=True):
 class FitAnswer(msgspec.Struct, kw_only=True):
     """Whether an object fits through or into another one; `probability` is null if a necessary side is not known.
 
-    `nodes` has the ids of both categories, null for one that the request describes by its sides.
+    It is an upper bound if the larger object is a category of containers, of which the outer sides are known. `nodes`
+    has the ids of both categories, null for one that the request describes by its sides.
     """
 
     schema: str = "metric-tree/fit/1"
@@ -166,6 +167,7 @@ class FitAnswer(msgspec.Struct, kw_only=True):
     into: str
     nodes: list[str | None]
     how: str
+    is_upper_bound: bool
     probability: float | None
     reason: str
 

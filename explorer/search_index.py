@@ -17,14 +17,14 @@ import numpy as np
 
 from explorer.catalogue import MEANINGS, ReleaseCatalogue
 from explorer.charts.size_comparison import REFERENCES
-from explorer.fit import OPENINGS
+from explorer.everyday_sizes import shape_letter
+from explorer.fit import OPENINGS, mixture_table
 from explorer.queries import LEADING, PUNCTUATION, TRAILING
 from explorer.responses import medians
 from explorer.urls import slug
 from metric_base.length_units import MILLIMETRES, UNIT_WORDS
 from metric_tree.node import Node, UnknownName
-from metric_tree.prior import Prior
-from metric_tree.reports.stated_axes import has_front
+from metric_tree.reports.description import is_heterogeneous
 from metric_tree.variants import LITRES, QUANTITY, SEATS, SHOE_SIZE, stated_size_rules, unit_symbol, variant_form
 from taxonomy.naming.resolver import MIN_HEAD_COMPOUNDS, MIN_HEAD_FRACTION
 from taxonomy.words.phrases import MODIFYING, word_list
@@ -36,7 +36,8 @@ def name_index(catalogue: ReleaseCatalogue) -> bytes:
     """Return the script with nodes, their names and labels, label lists and sources.
 
     `nodes` has a line per node: slug, name unless the slug spells it, tier, number of items, index of the parent, and
-    median sizes in mm after the first letters of the dimensions (1 to 3 of extents), with `f` for a node with a front.
+    median sizes in mm after the first letters of the dimensions (1 to 3 of extents), `shape_letter`,
+    and `x` if it is heterogeneous.
     `aliases` has the other names of each node that no other node has; `shared` the names of several nodes, the most
     likely node first; `labels` the labels of the node (empty if equal to its name), each with letters of its lists.
     The rest is of `word_index` and `stated_size_index`.
@@ -57,8 +58,9 @@ def name_index(catalogue: ReleaseCatalogue) -> bytes:
         name = "" if node.name == spelt else node.name
         parent = indices[node.parent_id] if node.parent_id else ""
         tier = tiers.index(catalogue.tier(node))
-        sizes = sizes_text(catalogue, node) + (",f" if has_front(node) else "")
-        fields = (slug(node.node_id), name, tier, node.n_items or "", parent, sizes)
+        prior = catalogue.prior(node)
+        marks = shape_letter(node) + "x" * (prior is not None and is_heterogeneous(node, prior))
+        fields = (slug(node.node_id), name, tier, node.n_items or "", parent, sizes_text(catalogue, node), marks)
         lines.append("\t".join(map(str, fields)))
         letters: dict[str, str] = {}  # of the lists, by label
         for list_name, label in catalogue.labels.get(node.node_id, ()):
@@ -165,23 +167,22 @@ def stated_size_index(catalogue: ReleaseCatalogue, indices: Mapping[str, int]) -
 def size_index(catalogue: ReleaseCatalogue) -> bytes:
     """Return the script for comparisons: sizes of all nodes by slug, and references of familiar size.
 
-    `MT_SIZES` has for each node its name, tier, number of items, quantiles in mm (three digits) by dimension, 1 if it
-    has a front, the correlations of ln size (upper triangle, percent), and the path of a cut-out image if there
-    is one. `MT_REFERENCES` has name, width and height in mm, and an outline in a box of 100 by
-    100. `MT_OPENINGS` has the slugs of the nodes that are openings.
+    `MT_SIZES` has for each node its name, tier, number of items, `INTERVAL_QUANTILES` in mm (three digits) by
+    dimension, `shape_letter`, `mixture_table`, and the path of a cut-out image if there is one. `MT_REFERENCES` has
+    name, width and height in mm, and an outline in a box of 100 by 100. `MT_OPENINGS` has the slugs of the nodes that are openings.
     """
     rows, openings = {}, []
     for node in catalogue.nodes.values():
         dims, prior = catalogue.dims(node), catalogue.prior(node)
         sizes = {
             dim: [float(f"{value:.3g}") for value in column]
-            for dim, column in zip(dims, catalogue.quantiles(node).T, strict=True)
+            for dim, column in zip(dims, catalogue.quantiles(node)[::2].T, strict=True)
         }
-        row: list[Any] = [node.name, catalogue.tier(node), node.n_items, sizes, int(has_front(node))]
-        row.append([] if prior is None else correlations_percent(prior))
+        row: list[Any] = [node.name, catalogue.tier(node), node.n_items, sizes, shape_letter(node)]
+        row.append([] if prior is None else mixture_table(prior))
         if images := [image for image in catalogue.images(node) if image["cutout_path"]]:
             # the image whose aspect ratio is closest to that of the box from the front
-            across, up = (sizes.get(dim, next(iter(sizes.values()), [0, 0, 1.0]))[2] for dim in ("length", "height"))
+            across, up = (sizes.get(dim, next(iter(sizes.values()), [0, 1.0, 0]))[1] for dim in ("length", "height"))
             aspects = [abs(math.log(image["width_px"] / image["height_px"] * up / across)) for image in images]
             row.append(images[int(np.argmin(aspects))]["cutout_path"])
         rows[slug(node.node_id)] = row
@@ -194,14 +195,3 @@ def _script(values: Mapping[str, Any]) -> bytes:
     """Return a script that sets variables."""
     texts = {name: json.dumps(value, separators=(",", ":"), ensure_ascii=False) for name, value in values.items()}
     return "".join(f"var {name}={text};\n" for name, text in texts.items()).encode()
-
-
-def correlations_percent(prior: Prior) -> list[int]:
-    """Return the correlations of ln size between the dimensions (first and second, first and third, ...) in percent."""
-    mean = prior.weights @ prior.means
-    within = prior.covariances + prior.shared_covariance
-    offsets = prior.means - mean
-    covariance = np.einsum("k,kij->ij", prior.weights, within + offsets[:, :, None] * offsets[:, None, :])
-    sd = np.sqrt(np.diagonal(covariance))
-    percent = np.round(100 * covariance / np.outer(sd, sd)).astype(int)
-    return [int(value) for value in percent[np.triu_indices(len(sd), 1)]]

@@ -33,8 +33,8 @@ MAX_CHILDREN = 8
 
 _AXES = {"height": "high", "length": "long", "width": "wide"}
 
-#: Words after the main noun of a name: a chest of drawers, a chair with armrests, a scooter for adults.
-_PREPOSITIONS = (" of ", " with ", " for ")
+#: Words after the main noun of a name: a chest of drawers, a chair with armrests, scooters for adults, a work on paper.
+_PREPOSITIONS = (" of ", " with ", " for ", " on ")
 
 #: First letters of abbreviations with the article "an": an LP record.
 _VOWEL_NAMES = "AEFHILMNORSX"
@@ -43,9 +43,41 @@ _SPOKEN_NAMES = ("LEGO",)
 
 #: First letters with the article "a" although they are vowels: a Euro pallet, a one dollar coin, a unicycle, a utensil;
 #: but an uninterruptible power supply.
-_CONSONANT_SOUNDS = ("eu", "one ", "unic", "unif", "unio", "unit", "univ", "use", "ute")
+_CONSONANT_SOUNDS = ("eu", "one ", "unic", "unif", "unio", "unit", "univ", "use", "ute", "uti")
+#: Words with "and" that describe one object; other names with "and" are those of a group of categories.
+_JOINED_WORDS = ("hundred and", "red and white")
 
 _COLUMNS = ("length_mm", "width_mm", "height_mm")
+
+
+def subject_and_verb(name: str) -> str:
+    """Return the beginning of a sentence about a category, with an article if its name is that of countable objects.
+
+    >>> subject_and_verb("mug"), subject_and_verb("LP record"), subject_and_verb("brown rice")
+    ('A mug is', 'An LP record is', 'Brown rice is')
+    >>> subject_and_verb("pruning shears"), subject_and_verb("jean"), subject_and_verb("door and doorframe")
+    ('Pruning shears are', 'Jeans are', 'Objects of the category door and doorframe are')
+    """
+    if " and " in name and not any(words in name for words in _JOINED_WORDS):
+        return f"Objects of the category {name} are"
+    main_noun = name
+    for word in _PREPOSITIONS:
+        main_noun = main_noun.partition(word)[0]
+    words = main_noun.lower().split(" ")
+    endings = {words[-1], "_".join(words[-2:])}
+    if words[-1] in word_list("used_in_plural"):
+        name = name.removesuffix("y") + "ies" if name.endswith("y") else name + "s"
+    elif not endings & word_list("plurals"):
+        if endings & word_list("mass_nouns") or words[-1].endswith(("ware", "wear")):
+            return f"{name[:1].upper()}{name[1:]} is"
+        first = name.partition(" ")[0].rstrip("0123456789")  # an R14 bulb
+        if first.isupper() and first.isalpha() and first not in _SPOKEN_NAMES:
+            starts_with_vowel = first[0] in _VOWEL_NAMES
+        else:
+            starts_with_vowel = name[:1].lower() in "aeiou" and not name.lower().startswith(_CONSONANT_SOUNDS)
+            starts_with_vowel = starts_with_vowel or name.lower().startswith("hour")
+        return f"{'An' if starts_with_vowel else 'A'} {name} is"
+    return f"{name[:1].upper()}{name[1:]} are"
 
 
 def everyday_sentence(name: str, prior: Prior) -> str:
@@ -59,22 +91,9 @@ def everyday_sentence(name: str, prior: Prior) -> str:
     axis = prior.dims.index("height") if "height" in prior.dims else 0
     axis = axis if medians[axis] >= MIN_HEIGHT_FRACTION * medians.max() else int(np.argmax(medians))
     low, median, high = prior.quantiles(INTERVAL_QUANTILES)[:, axis].tolist()
-    first, main_noun = name.partition(" ")[0], name
-    for word in _PREPOSITIONS:
-        main_noun = main_noun.partition(word)[0]
-    main_noun = main_noun.rpartition(" ")[2].lower()
-    if first.isupper() and first.isalpha() and first not in _SPOKEN_NAMES:
-        starts_with_vowel = first[0] in _VOWEL_NAMES
-    else:
-        starts_with_vowel = name[:1].lower() in "aeiou" and not name.lower().startswith(_CONSONANT_SOUNDS)
-        starts_with_vowel = starts_with_vowel or name.lower().startswith("hour")
-    is_plural, is_mass = main_noun in word_list("plurals"), main_noun in word_list("mass_nouns")
-    if is_plural or is_mass:
-        subject = f"{name[:1].upper()}{name[1:]} {'are' if is_plural else 'is'}"
-    else:
-        subject = f"{'An' if starts_with_vowel else 'A'} {name} is"
+    subject = subject_and_verb(name)
     tier = "" if prior.tier == "measured" else f"{tier_words(prior.tier, prior.norm)}: "
-    if tier and not ((is_plural or is_mass) and name[:2].isupper()):
+    if tier and not subject[1].isupper():
         subject = subject[:1].lower() + subject[1:]
     unit, factor = ("m", 1000.0) if median >= M_FROM_MM else ("cm", 10.0) if median >= CM_FROM_MM else ("mm", 1.0)
     digits = 4 if high < NARROW_RATIO * low else 2

@@ -14,7 +14,7 @@ from metric_tree.node import Node
 WITH_FRONT = frozenset(
     """
     seat.n.03 mt:storage_furniture mt:other_furniture desk.n.01 stand.n.04 counter.n.01 appliance.n.02 mt:audio_video
-    sink.n.01 toilet.n.02 shower.n.01 door.n.01 window.n.01 barrier.n.01
+    sink.n.01 toilet.n.02 shower.n.01 door.n.01 window.n.01 barrier.n.01 person.n.01
     """.split()  # noqa: SIM905  ids are more legible than a list of strings
 )
 #: Nodes whose objects are round from above; the medians of length and width differ by less than 10 %.
@@ -34,6 +34,11 @@ def has_front(node: Node) -> bool:
     return any(one.node_id in WITH_FRONT for one in (node, *node.ancestors()))
 
 
+def is_round(node: Node) -> bool:
+    """Return whether the objects of a node are round from above, so that they have a diameter."""
+    return any(one.node_id in ROUND for one in (node, *node.ancestors()))
+
+
 def axis_names(node: Node) -> Mapping[str, str]:
     """Return the noun that people use for each dimension of a node with another name than in storage.
 
@@ -42,7 +47,7 @@ def axis_names(node: Node) -> Mapping[str, str]:
     >>> [axis_names(tree.find(name)).get("length") for name in ("sofa", "bottle", "car")]
     ['width', 'diameter', None]
     """
-    if any(one.node_id in ROUND for one in (node, *node.ancestors())):
+    if is_round(node):
         return _ROUND_NAMES
     return _FRONT_NAMES if has_front(node) else {}
 

@@ -57,12 +57,25 @@ STATED = (
 
 def test_a_stated_size_is_the_answer(shipped: ReleaseCatalogue) -> None:
     television = search_response(shipped, SearchQuery("how wide is a 55 inch TV?"))
-    assert television.answer == "television, 55 inch: about 1.23 m wide and 73 cm high."
+    assert television.answer == "television, 55 inch: about 1.23 m wide and 73 cm high (measured)."
     assert television.hits[0].median_mm["length"] == pytest.approx(55 * 25.4 * 0.88, rel=1e-3)
     bin_240 = search_response(shipped, SearchQuery("size of a 240 L bin"))
-    assert bin_240.answer == "wheelie bin, 240 l: about 73 cm long, 58 cm wide and 1.07 m high."
+    assert bin_240.answer == "wheelie bin, 240 l: about 73 cm long, 58 cm wide and 1.07 m high (norm)."
     assert bin_240.hits[0].node == "mt:wheelie_bin"
     assert "inch" not in str(search_response(shipped, SearchQuery("television")).answer)
+
+
+def test_words_that_no_name_contains_have_no_answer(shipped: ReleaseCatalogue) -> None:
+    for query in ("ikea billy", "parking space", "eiffel tower", "cat food", "football field"):
+        assert search_response(shipped, SearchQuery(query)).answer is None, query
+    answers = {
+        query: str(search_response(shipped, SearchQuery(query)).answer) for query in ("blue whale", "human", "door")
+    }
+    assert answers["blue whale"].startswith("Taken as whale: about ")
+    assert answers["human"] == "human: sizes differ by more than 10 times; choose a narrower category."
+    assert " Narrower: " in answers["door"]
+    assert "interior door 1.99 m, cabinet door 0.71 m high." in answers["door"]
+    assert "Narrower" not in str(search_response(shipped, SearchQuery("car")).answer)
 
 
 def test_a_name_keeps_its_words_about_sizes(shipped: ReleaseCatalogue) -> None:
@@ -83,7 +96,18 @@ def test_the_browser_finds_the_same(shipped: ReleaseCatalogue, tmp_path: Path) -
         assert made is not None
         (tmp_path / address).write_bytes(made.body)
     names = random.Random(46).sample([name for name, _ in shipped.tree.names()], 60)
-    queries = [*QUERIES, *STATED, *names, *(f"how wide is the {name}?" for name in names[:20])]
+    queries = [
+        *QUERIES,
+        *STATED,
+        "ikea billy",
+        "eiffel tower",
+        "blue whale",
+        "human",
+        "door",
+        "bottle",
+        *names,
+        *(f"how wide is the {name}?" for name in names[:20]),
+    ]
     expected = {}
     for query in queries:
         answer = search_response(shipped, SearchQuery(query))

@@ -9,7 +9,7 @@ import pytest
 
 from explorer.catalogue import ReleaseCatalogue
 from explorer.everyday_sizes import all_axes_text
-from explorer.fit import MAX_SIDE_MM, MIN_SIDE_MM, fit_response, stated_sides
+from explorer.fit import MAX_SIDE_MM, MIN_SIDE_MM, fit_response, random_sizes, stated_sides
 from explorer.schemas import FitQuery
 from metric_base.errors import InputError
 
@@ -58,11 +58,23 @@ def test_a_category_fits_with_the_probability_of_its_prior(catalogue: ReleaseCat
     node = catalogue.nodes["swivel_chair.n.01"]
     prior = catalogue.prior(node)
     assert prior is not None
+    drawn = random_sizes(prior, 1)
+    assert np.allclose(
+        np.quantile(np.log(drawn), [0.1, 0.5, 0.9], axis=0), np.log(prior.quantiles([0.1, 0.5, 0.9])), atol=0.01
+    )
+    assert np.allclose(np.corrcoef(np.log(drawn).T), np.corrcoef(np.log(prior.sample(20_000, 0)).T), atol=0.03)
     middle = float(np.median(np.sort(prior.sample(20_000, 0), axis=1)[:, 1]))
     answer = fit_response(catalogue, FitQuery("swivel chair", f"{middle:.1f} x 9000 mm"))
     shortest = np.sort(prior.sample(20_000, 0), axis=1)[:, 0]
     assert answer.probability == pytest.approx(float((shortest <= middle).mean()), abs=0.01)
     assert answer.nodes == [node.node_id, None]
+    assert not answer.is_upper_bound
+    inside = fit_response(catalogue, FitQuery("1 x 2 x 3 cm", "swivel chair"))
+    assert inside.is_upper_bound
+    assert inside.reason.endswith(
+        "These are outer sides of swivel chair; its inside is smaller, so the true probability is lower."
+    )
+    assert not fit_response(catalogue, FitQuery("1 x 2 x 3 cm", "4 x 4 x 4 cm")).is_upper_bound
     assert fit_response(catalogue, FitQuery("swivel chair", "swivel chair", "in")).probability == pytest.approx(
         0.2, abs=0.2
     )
@@ -87,5 +99,8 @@ def test_people_call_the_axes_of_objects_with_a_front_otherwise(catalogue: Relea
     sofa = replace(node, node_id="seat.n.03")
     assert all_axes_text(sofa, sizes) == "about 1.99 m wide, 93.2 cm deep and 84.2 cm high"
     assert all_axes_text(node, {"height": 842.0}) == "about 84.2 cm high"
+    bottle = replace(node, node_id="bottle.n.01")
+    assert all_axes_text(bottle, sizes) == "about 1.99 m in diameter and 84.2 cm high"
+    assert all_axes_text(bottle, {"width": 932.0}) == "about 93.2 cm in the smaller diameter"
     extents = {"extent1": 300.0, "extent2": 200.0, "extent3": 85.0}
     assert all_axes_text(node, extents) == "about 30.0 × 20.0 × 8.5 cm, the longest side first"

@@ -3,15 +3,16 @@
 (function () {
   const MOST = 6, SVG = "http://www.w3.org/2000/svg", { lengthText, chosenUnit, showUnits, sizeElement } = window.metricTree;
   const SLOT_PX = 82, GAP_PX = 14, TALL_PX = 320, HEAD_PX = 44, FOOT_PX = 34, BAR_PX = 7, STEP_PX = 8, SMALL_MM = 450;
-  const WORDS = { length: "long", width: "wide", height: "high", extent1: "longest side", extent2: "middle side", extent3: "shortest side" };
+  const WORDS = { height: "high", extent1: "longest side", extent2: "middle side", extent3: "shortest side" };
   const form = document.getElementById("add"), input = document.getElementById("add-name");
   const message = document.getElementById("message"), views = document.querySelector(".scene-views");
   const asked = new URLSearchParams(location.search);
   let chosen = (asked.get("nodes") || "").split(",").filter((slug) => MT_SIZES[slug]).slice(0, MOST);
   let scene = [], scale = 1, references = null;
 
+  const SIDES = { "": ["long", "wide"], f: ["wide", "deep"], o: ["in diameter", "in the smaller diameter"] };
   function word(slug, dim) {
-    return MT_SIZES[slug][4] && dim === "length" ? "wide" : MT_SIZES[slug][4] && dim === "width" ? "deep" : WORDS[dim];
+    return WORDS[dim] || SIDES[MT_SIZES[slug][4]][dim === "length" ? 0 : 1];
   }
   // Median sizes across, up and deep in mm; null where the release has none.
   function category(slug) {
@@ -19,7 +20,7 @@
     const one = { key: slug, name: name.split(" (")[0], image, across: null, up: null, deep: null, words: {} };
     for (const [side, dims] of Object.entries({ across: ["length", "extent1"], up: ["height", "extent2"], deep: ["width", "extent3"] })) {
       const dim = dims.find((known) => sizes[known]);
-      if (dim) { one[side] = sizes[dim][2]; one.words[side] = word(slug, dim); }
+      if (dim) { one[side] = sizes[dim][1]; one.words[side] = word(slug, dim); }
     }
     if (!one.across && one.deep) { one.across = one.deep; one.deep = null; one.words.across = one.words.deep; }
     return one;
@@ -125,7 +126,7 @@
     document.getElementById("references").replaceChildren(...(chosen.length ? MT_REFERENCES.map(referenceBox) : []));
     const table = document.getElementById("compared");
     table.hidden = !chosen.length;
-    const medians = chosen.flatMap((slug) => Object.values(MT_SIZES[slug][3]).map((q) => q[2])).sort((a, b) => a - b);
+    const medians = chosen.flatMap((slug) => Object.values(MT_SIZES[slug][3]).map((q) => q[1])).sort((a, b) => a - b);
     table.dataset.typical = String(medians[medians.length >> 1] || 1);
     table.tBodies[0].replaceChildren(...chosen.map(tableRow));
     showUnits(table);
@@ -155,7 +156,7 @@
     const cell = row.insertCell();
     Object.entries(sizes).forEach(([dim, q]) => {
       const line = document.createElement("div");
-      line.append(sizeElement(q[2]), ` ${word(slug, dim)} (`, sizeElement(q[0]), " to ", sizeElement(q[4]), ")");
+      line.append(sizeElement(q[1]), ` ${word(slug, dim)} (`, sizeElement(q[0]), " to ", sizeElement(q[2]), ")");
       cell.append(line);
     });
     const remove = document.createElement("button");
@@ -189,29 +190,24 @@
     }
   });
 
-  // Whether an object fits: the rule of `explorer.fit`, with sizes drawn from quantiles and correlations.
-  const PAIRS = 20000, Z = [-1.6449, -0.6745, 0, 0.6745, 1.6449], RANKS = [[], [], ["shorter side", "longer side"], ["shortest side", "middle side", "longest side"]];
+  // Whether an object fits: `explorer.fit` with the same random numbers.
+  const PAIRS = 20000, RANKS = [[], [], ["shorter side", "longer side"], ["shortest side", "middle side", "longest side"]];
   function generator(seed) { // mulberry32
     return () => { seed = (seed + 0x6d2b79f5) | 0; let t = Math.imul(seed ^ (seed >>> 15), 1 | seed); t = (t + Math.imul(t ^ (t >>> 7), 61 | t)) ^ t; return ((t ^ (t >>> 14)) >>> 0) / 4294967296; };
   }
-  function sizeAt(quantiles, z) {
-    const k = Math.max(0, Math.min(3, Z.findIndex((one) => z < one) < 0 ? 3 : Z.findIndex((one) => z < one) - 1));
-    const share = (z - Z[k]) / (Z[k + 1] - Z[k]);
-    return Math.exp(Math.log(quantiles[k]) * (1 - share) + Math.log(quantiles[k + 1]) * share);
-  }
   // Rows of sizes in mm of random objects of a category; `only` selects dimensions.
   function samples(slug, seed, only) {
-    const dims = Object.keys(MT_SIZES[slug][3]), d = dims.length, random = generator(seed);
-    const of = (i, j) => (i === j ? 1 : MT_SIZES[slug][5][Math.min(i, j) * d - (Math.min(i, j) * (Math.min(i, j) + 1)) / 2 + Math.max(i, j) - Math.min(i, j) - 1] / 100);
-    const lower = dims.map(() => new Array(d).fill(0));
-    for (let i = 0; i < d; i++) for (let j = 0; j <= i; j++) {
-      let sum = of(i, j);
-      for (let k = 0; k < j; k++) sum -= lower[i][k] * lower[j][k];
-      lower[i][j] = i === j ? Math.sqrt(Math.max(sum, 1e-6)) : sum / lower[j][j];
-    }
-    return Array.from({ length: PAIRS }, () => {
+    const dims = Object.keys(MT_SIZES[slug][3]), d = dims.length, parts = MT_SIZES[slug][5], random = generator(seed);
+    const total = parts.reduce((sum, part) => sum + part[0], 0);
+    return Array.from({ length: parts.length ? PAIRS : 1 }, () => {
+      let place = random() * total, k = 0;
+      while (k < parts.length - 1 && place >= parts[k][0]) place -= parts[k++][0];
       const white = dims.map(() => Math.sqrt(-2 * Math.log(1 - random())) * Math.cos(2 * Math.PI * random()));
-      const row = dims.map((dim, i) => sizeAt(MT_SIZES[slug][3][dim], lower[i].reduce((sum, value, k) => sum + value * white[k], 0)));
+      const row = dims.map((_, i) => {
+        let sum = parts[k][1 + i];
+        for (let j = 0; j <= i; j++) sum += parts[k][1 + d + (i * (i + 1)) / 2 + j] * white[j];
+        return Math.exp(sum);
+      });
       return row.filter((_, i) => !only || only.includes(dims[i]));
     });
   }
@@ -240,7 +236,7 @@
     const tight = fits.indexOf(Math.min(...fits));
     const median = (k) => lengthText(rows[k].map((_, i) => side(k, i, tight)).sort((a, b) => a - b)[rows[k].length >> 1], chosenUnit());
     const reason = `The ${RANKS[3][tight]} of ${names[0]} is about ${median(0)}, the ${RANKS[n][tight]} of ${names[1]} about ${median(1)}: on this side ${Math.round((100 * fits[tight]) / count)} % of the pairs fit. `;
-    return { how, probability: both / count, reason: reason + (n === 2 ? "Straight, with quarter turns; tilting is not considered." : "Outer sizes; walls and seats are not subtracted.") };
+    return { how, probability: both / count, reason: reason + (how === "through" ? "Straight, with quarter turns; tilting is not considered." : how === "in" && slugs[1] ? `These are outer sides of ${names[1]}; its inside is smaller, so the true probability is lower.` : "") };
   }
   async function answerFit() {
     const texts = ["fit-object", "fit-into"].map((id) => document.getElementById(id).value), sides = texts.map(statedSides);
@@ -250,7 +246,7 @@
     if (lost >= 0) { answer.textContent = `No category is called "${texts[lost]}".`; return; }
     const names = texts.map((name, k) => (slugs[k] ? MT_SIZES[slugs[k]][0].split(" (")[0] : name.trim()));
     const { how, probability, reason: why } = fit(names, sides, slugs, document.getElementById("fit-how").value);
-    answer.textContent = probability === null ? "Not known." : `${names[0]} ${how} ${names[1]}: fits in ${Math.round(100 * probability)} % of the pairs.`;
+    answer.textContent = probability === null ? "Not known." : `${names[0]} ${how} ${names[1]}: fits in ${how === "in" && slugs[1] ? "at most " : ""}${Math.round(100 * probability)} % of the pairs.`;
     reason.textContent = why;
   }
   document.getElementById("fit").addEventListener("submit", (event) => { event.preventDefault(); answerFit(); });

@@ -24,7 +24,7 @@
     if (!sizes) return null;
     const own = object.dimensions || {};
     const used = object.used && object.used.length ? object.used : Object.keys(own).filter((dim) => !(object.truncated || []).includes(dim));
-    const rows = used.filter((dim) => sizes[dim] && own[dim] > 0).map((dim) => [0, 2, 4].map((k) => sizes[dim][k] / 1000 / own[dim]));
+    const rows = used.filter((dim) => sizes[dim] && own[dim] > 0).map((dim) => sizes[dim].map((mm) => mm / 1000 / own[dim]));
     rows.sort((a, b) => a[2] / a[0] - b[2] / b[0]);
     return rows[0] || null;
   }

@@ -11,8 +11,8 @@
   const names = [], labels = [];
   function addName(name, owners) { names.push({ name, owners, words: name.split(" ") }); }
   const nodes = MT_NAMES.nodes.split("\n").map((line) => {
-    const [slug, name, tier, items, parent, sizes] = line.split("\t");
-    return { sizes: sizes ? sizes.split(",") : [], slug, name: name || spelled(slug), tier: MT_NAMES.tiers[tier], items: Number(items), parent: parent === "" ? -1 : Number(parent), labels: [] };
+    const [slug, name, tier, items, parent, sizes, marks] = line.split("\t");
+    return { sizes: sizes ? sizes.split(",") : [], marks, slug, name: name || spelled(slug), tier: MT_NAMES.tiers[tier], items: Number(items), parent: parent === "" ? -1 : Number(parent), labels: [] };
   });
   const shared = new Set();
   for (const line of MT_NAMES.shared.split("\n")) if (line) {
@@ -129,17 +129,19 @@
     const counted = plain.match(/^(?:photo|picture|image|view|pair|set|nest|group|stack|pile|bunch|row|herd|flock|pack|piece|collection|lot|roll|couple|heap|crowd|type|kind|part|cluster|number|slice)s? of (?:(?:an?|the) )?(.+)$/);
     if (counted) return resolved(counted[1]);
     const near = misspelt(form);
-    if (near) return near;
+    if (near) return taken(near);
     let words = plain.split(" ");
     if (words.slice(0, -1).some((word) => copies.has(word))) return undefined;
     while (words.length > 1 && modifiers.has(words[0])) {
       words = words.slice(1);
       const bare = ownersOf(words.join(" "));
-      if (bare) return bare;
+      if (bare) return taken(bare);
     }
     const head = [words[words.length - 1], ...singularPhrases(words[words.length - 1])].find((one) => heads.has(one) || (containers.has(one) && known.has(one)));
-    return words.length > 1 && words.length < 5 && head ? known.get(head) : undefined;
+    return words.length > 1 && words.length < 5 && head ? taken(known.get(head)) : undefined;
   }
+  // Nodes of a text with other words than their names.
+  function taken(owners) { return Object.assign([...owners], { isTaken: true }); }
 
   // Sizes that a name states (`metric_tree.variants`): named variants, and numbers with a unit.
   const STATED = MT_NAMES.stated, PATTERNS = Object.entries(STATED.patterns).map(([kind, pattern]) => [kind, new RegExp(pattern, "i")]);
@@ -194,7 +196,7 @@
       if (quantity.number < low || quantity.number > high || !prior) return null;
       const y = {};
       for (const [axis, factor] of Object.entries(factors)) y[prior[0].startsWith("1") ? "lwh".indexOf(axis) + 1 : axis] = Math.log(factor * quantity.number ** exponent);
-      return { place: owners[0], stated: quantity.words, sizes: conditioned(prior, y, sd) };
+      return { place: owners[0], stated: quantity.words, sizes: conditioned(prior, y, sd), isTaken: owners.isTaken };
     }
     return null;
   }
@@ -216,11 +218,11 @@
   function hitsOf(query, meaning) {
     const text = fold(query), words = text.split(" "), lists = MT_NAMES.lists.filter((list) => words.includes(list.split("_")[0]));
     const found = new Map();
-    const take = (place, score, why, isMeant) => {
+    const take = (place, score, why, isMeant, isTaken) => {
       const old = found.get(place), whole = score + Math.min(Math.log10(1 + nodes[place].items) * 3, 10);
-      if (!old || old.score < whole) found.set(place, { place, score: whole, why, isMeant });
+      if (!old || old.score < whole) found.set(place, { place, score: whole, why, isMeant, isTaken });
     };
-    if (meaning) take(meaning.place, 1000, "", true);
+    if (meaning) take(meaning.place, 1000, "", true, meaning.isTaken);
     if (lists.length) {
       const rest = words.filter((word) => !lists.some((list) => list.split("_")[0] === word)).join(" ");
       for (const label of labels) {
@@ -229,7 +231,7 @@
       }
     }
     const meant = resolved(query);
-    if (meant) meant.forEach((place, k) => take(place, 500 - 20 * k, k ? text : "", k === 0));
+    if (meant) meant.forEach((place, k) => take(place, 500 - 20 * k, k ? text : "", k === 0, meant.isTaken));
     for (const name of names) {
       const score = likeness(name, words, text);
       if (score) name.owners.forEach((place, k) => take(place, score - 6 * k, name.name));
@@ -239,24 +241,35 @@
     }
     if (!found.size && words.length > 1) (ownersOf(words[words.length - 1]) || []).forEach((place, k) => take(place, -6 * k, ""));
     const hits = [...found.values()].sort((a, b) => b.score - a.score || a.place - b.place).slice(0, LIMIT).map(nodeHit);
-    if (meaning && hits[0]) Object.assign(hits[0], { stated: meaning.stated, sizes: axesText({ sizes: [...meaning.sizes, ...nodes[meaning.place].sizes.filter((one) => one === "f")] }) });
+    if (meaning && hits[0]) Object.assign(hits[0], { stated: meaning.stated, narrower: "", sizes: axesText({ sizes: meaning.sizes, marks: nodes[meaning.place].marks }) });
     for (const { id, title, form } of sources)
       if (hits.length < LIMIT + 3 && (" " + form).includes(" " + words[0]) && words.every((word) => form.includes(word)))
         hits.push({ href: root + "sources/" + id + ".html", name: title, note: "source", tier: null });
     for (const list of MT_NAMES.lists) if (fold(list).startsWith(text)) hits.push({ href: root + "vocabularies/" + list + ".html", name: list, note: "label list", tier: null });
     return hits;
   }
-  const WORDS = { l: "long", w: "wide", h: "high" }, FRONT_WORDS = { l: "wide", w: "deep", h: "high" };
+  const SIDES = { 1: "longest side", 2: "middle side", 3: "shortest side" }, WORDS = { l: "long", w: "wide", h: "high", ...SIDES };
+  const FRONT_WORDS = { ...WORDS, l: "wide", w: "deep" }, ROUND_WORDS = { ...WORDS, l: "in diameter", w: "in the smaller diameter" };
+  function wordsOf(marks) { return marks.includes("o") ? ROUND_WORDS : marks.includes("f") ? FRONT_WORDS : WORDS; }
+  function sizesOf(node) { return node.sizes.map((size) => [size[0], Number(size.slice(1))]); }
   // All axes of a node, as `explorer.everyday_sizes.all_axes_text`.
   function axesText(node) {
-    const front = node.sizes.includes("f"), { lengthText, chosenUnit } = window.metricTree, unit = chosenUnit();
-    const sizes = node.sizes.filter((size) => size !== "f").map((size) => [size[0], Number(size.slice(1))]);
+    const words = wordsOf(node.marks), { lengthText, chosenUnit } = window.metricTree, unit = chosenUnit();
+    const sizes = sizesOf(node).filter(([dim], _, all) => !(dim === "w" && words === ROUND_WORDS && all[0][0] === "l"));
     if (sizes.length && sizes[0][0] === "1") {
       const parts = sizes.map(([, mm]) => lengthText(mm, unit, sizes[0][1]));
       return parts.map((part, k) => (unit === "ft" || k === parts.length - 1 ? part : part.replace(/ \w+$/, ""))).join(" × ") + ", the longest side first";
     }
-    const parts = sizes.map(([dim, mm]) => lengthText(mm, unit) + " " + (front ? FRONT_WORDS : WORDS)[dim]);
+    const parts = sizes.map(([dim, mm]) => lengthText(mm, unit) + " " + words[dim]);
     return parts.length > 1 ? parts.slice(0, -1).join(", ") + " and " + parts[parts.length - 1] : parts.join("");
+  }
+  // The narrower categories of a node, as `explorer.responses.narrower_text`.
+  function narrowerText(place) {
+    const { lengthText, chosenUnit } = window.metricTree, [axis] = sizesOf(nodes[place]).reduce((most, size) => (size[1] > most[1] ? size : most), ["", 0]);
+    const known = nodes.filter((node) => node.parent === place && !node.slug.endsWith("~other")).map((node) => [node, (sizesOf(node).find(([dim]) => dim === axis) || [])[1]]).filter(([, mm]) => mm);
+    const shown = known.sort(([a], [b]) => b.items - a.items).slice(0, 4), most = Math.max(...shown.map(([, mm]) => mm));
+    if (!shown.length || most < 1.5 * Math.min(...shown.map(([, mm]) => mm))) return "";
+    return ` Narrower: ${shown.map(([node, mm]) => node.name.split(" (")[0] + " " + lengthText(mm, chosenUnit(), most)).join(", ")} ${wordsOf(nodes[place].marks)[axis]}.`;
   }
   function nodeHit(hit) {
     const node = nodes[hit.place];
@@ -265,7 +278,7 @@
     const said = !hit.why || fold(hit.why) === fold(node.name) ? "" : ' · "' + hit.why + '"';
     const lists = node.labels.flatMap(([, lists]) => lists);
     const shown = lists.length ? " · label of " + [...new Set(lists)].slice(0, 3).join(", ") : "";
-    return { href: root + "nodes/" + node.slug + ".html", slug: node.slug, name: node.name, tier: node.tier, exact: Boolean(hit.isMeant), sizes: axesText(node), note: path.join(" › ") + said + shown };
+    return { href: root + "nodes/" + node.slug + ".html", slug: node.slug, name: node.name, tier: node.tier, exact: Boolean(hit.isMeant), isTaken: hit.isTaken, isMixed: node.marks.includes("x"), narrower: hit.isMeant ? narrowerText(hit.place) : "", sizes: axesText(node), note: path.join(" › ") + said + shown };
   }
   window.metricTree.search = search;
   window.metricTree.searchAnswer = (query) => answerOf(search(query));
@@ -293,7 +306,10 @@
   const results = document.getElementById("results");
   function answerOf(hits) {
     const first = hits[0];
-    return first && (first.exact || hits.length === 1) && first.sizes ? `${first.name.split(" (")[0]}${first.stated ? ", " + first.stated : ""}: about ${first.sizes}.` : "";
+    if (!first || !first.exact) return "";
+    const start = `${first.isTaken ? "Taken as " : ""}${first.name.split(" (")[0]}${first.stated ? ", " + first.stated : ""}: `;
+    if (!first.sizes) return start + "nothing is known of its size.";
+    return start + (first.isMixed ? "sizes differ by more than 10 times; choose a narrower category." : `about ${first.sizes} (${first.tier}).${first.narrower}`);
   }
   async function servedAnswer(query) {
     if (location.protocol === "file:") return null;
@@ -308,10 +324,10 @@
     const local = search(query), served = await servedAnswer(query), byId = new Map(local.map((hit) => [hit.slug, hit]));
     const hits = !served ? local : served.hits.map((hit) => {
       const slug = hit.node.replace(/\//g, "~").replace(/:/g, "-"), place = places.get(slug), sizes = Object.entries(hit.median_mm).map(([dim, mm]) => dim.replace("extent", "")[0] + mm);
-      return { ...(byId.get(slug) || nodeHit({ place, why: "" })), sizes: axesText({ sizes: [...sizes, ...nodes[place].sizes.filter((one) => one === "f")] }) };
+      return { ...(byId.get(slug) || nodeHit({ place, why: "" })), sizes: axesText({ sizes, marks: nodes[place].marks }) };
     }).concat(local.filter((hit) => !hit.slug));
     const answer = served ? window.metricTree.converted(served.answer || "", window.metricTree.chosenUnit()) : answerOf(hits);
-    document.getElementById("search-answer").textContent = hits.length ? answer : `Nothing is called "${query}".`;
+    document.getElementById("search-answer").textContent = answer || `No category is called "${query}".${hits.length ? " Similar names:" : ""}`;
     results.replaceChildren(...hits.map((hit) => { const item = document.createElement("li"); item.append(hitLink(hit)); return item; }));
   }
   function show() {

@@ -15,6 +15,7 @@ from explorer.responses import labels_by_list, medians, size_answer, tree_refere
 from explorer.schemas import SearchAnswer, SearchHit, SearchQuery
 from metric_base.errors import InputError
 from metric_tree.node import Meaning, UnknownName
+from metric_tree.reports.stated_axes import axis_names
 from taxonomy.words.spelling import plain_fold
 
 _SIZES = r"(?:sizes?|height|width|length|depth|dimensions?|diameter|thickness|measurements?)"
@@ -83,6 +84,7 @@ def search_response(catalogue: ReleaseCatalogue, query: SearchQuery) -> SearchAn
             catalogue.tier(node),
             node.n_items,
             medians(catalogue, node),
+            dict(axis_names(node)),
             labels_by_list(catalogue, node),
         )
         for node in nodes

@@ -18,6 +18,7 @@ from metric_base.errors import InputError
 from metric_tree.node import Node
 from metric_tree.prior import FAMILY, MEDIAN, QUANTILES, Prior
 from metric_tree.reports.description import MIXED_RATIO, is_heterogeneous, node_sentence
+from metric_tree.reports.stated_axes import axis_names
 from metric_tree.tree import Tree
 
 #: Maximum number of images in a response, more than on a page.
@@ -54,7 +55,13 @@ def shown_name(node: Node) -> str:
 def reference(catalogue: ReleaseCatalogue, node: Node) -> schemas.NodeRef:
     """Return the record of a node in a list."""
     return schemas.NodeRef(
-        node.node_id, node.name, node.level, catalogue.tier(node), node.n_items, medians(catalogue, node)
+        node.node_id,
+        node.name,
+        node.level,
+        catalogue.tier(node),
+        node.n_items,
+        medians(catalogue, node),
+        dict(axis_names(node)),
     )
 
 
@@ -137,13 +144,14 @@ def node_response(catalogue: ReleaseCatalogue, node: Node, _: schemas.NoQuery | 
     }
     url = f"v1/nodes/{slug(node.node_id)}"
     links = {"self": f"{url}.json", "page": page_of(node.node_id)}
-    links |= {name: f"{url}/{name}.json" for name in ("prior", "items", "images")}
     if prior is not None:
-        links["sizes"] = f"{url}/sizes.csv"
+        links |= {"prior": f"{url}/prior.json", "sizes": f"{url}/sizes.csv"}
     if len(rows):
-        links["csv"] = f"{url}/items.csv"
+        links |= {"items": f"{url}/items.json", "csv": f"{url}/items.csv"}
         if len(rows) >= MIN_PARQUET_ROWS:
             links["parquet"] = f"{url}/items.parquet"
+    if catalogue.images(node):
+        links["images"] = f"{url}/images.json"
     return schemas.NodeAnswer(
         tree=tree_reference(catalogue.tree),
         node=node.node_id,
@@ -162,6 +170,7 @@ def node_response(catalogue: ReleaseCatalogue, node: Node, _: schemas.NoQuery | 
         n_shipped=len(rows),
         n_images=len(catalogue.images(node)),
         dims=list(catalogue.dims(node)),
+        axis_names=dict(axis_names(node)),
         prior_dims=[list(dims) for dims in node.prior_dims],
         quantiles_mm=quantile_table(catalogue.dims(node), catalogue.quantiles(node)),
         n_sources=prior.n_sources if prior else 0,
@@ -228,10 +237,8 @@ def vocabulary_response(catalogue: ReleaseCatalogue, name: str) -> schemas.Vocab
             rows.append(schemas.VocabularyRow(label.label, None, label.reason, None, None, None, None))
             continue
         sizes = quantile_table(catalogue.dims(node), catalogue.quantiles(node)) or None
-        tier = catalogue.tier(node)
-        rows.append(
-            schemas.VocabularyRow(label.label, node.node_id, label.reason, node.name, tier, node.n_items, sizes)
-        )
+        facts = (node.name, catalogue.tier(node), node.n_items, sizes, dict(axis_names(node)))
+        rows.append(schemas.VocabularyRow(label.label, node.node_id, label.reason, *facts))
     return schemas.VocabularyAnswer(tree=tree_reference(catalogue.tree), vocabulary=name, labels=rows)
 
 
@@ -323,6 +330,7 @@ def queried_prior(
         tree=tree_reference(catalogue.tree),
         node=node.node_id,
         dims=list(prior.dims),
+        axis_names=dict(axis_names(node)),
         tier=prior.tier,
         n=prior.n,
         n_sources=prior.n_sources,

@@ -52,6 +52,10 @@ def _has_prior(catalogue: ReleaseCatalogue, node: Node) -> bool:
     return catalogue.prior(node) is not None
 
 
+def _has_images(catalogue: ReleaseCatalogue, node: Node) -> bool:
+    return bool(catalogue.images(node))
+
+
 def _has_parquet(catalogue: ReleaseCatalogue, node: Node) -> bool:
     return _has_items(catalogue, node, MIN_PARQUET_ROWS)
 
@@ -148,8 +152,8 @@ ROUTES: tuple[Route, ...] = (
         _has_prior,
         is_quick=True,
     ),
-    Route("v1/nodes/{id}/items.json", responses.items_response, schemas.ItemsQuery, schemas.ItemsAnswer),
-    Route("v1/nodes/{id}/images.json", responses.images_response, schemas.NoQuery, schemas.ImagesAnswer),
+    Route("v1/nodes/{id}/items.json", responses.items_response, schemas.ItemsQuery, schemas.ItemsAnswer, _has_items),
+    Route("v1/nodes/{id}/images.json", responses.images_response, schemas.NoQuery, schemas.ImagesAnswer, _has_images),
     Route("v1/nodes/{id}.json", responses.node_response, schemas.NoQuery, schemas.NodeAnswer),
     Route("v1/vocabularies/{name}.json", responses.vocabulary_response, None, schemas.VocabularyAnswer),
 )

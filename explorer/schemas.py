@@ -24,7 +24,11 @@ class TreeRef(msgspec.Struct):
 
 
 class NodeRef(msgspec.Struct):
-    """A node in a list: its id, name, level, tier and median sizes in mm."""
+    """A node in a list: its id, name, level, tier, median sizes in mm, and what people call its dimensions.
+
+    `axis_names` of all records has the dimensions whose name in everyday use is another one: the `length` of a sofa is
+    its width, its `width` the depth.
+    """
 
     node: str
     name: str
@@ -32,6 +36,7 @@ class NodeRef(msgspec.Struct):
     tier: str
     n_items: int
     median_mm: dict[str, float]
+    axis_names: dict[str, str]
 
 
 class PriorAnswer(msgspec.Struct, kw_only=True):
@@ -44,6 +49,7 @@ class PriorAnswer(msgspec.Struct, kw_only=True):
     tree: TreeRef
     node: str
     dims: list[str]
+    axis_names: dict[str, str]
     tier: str
     n: int
     n_sources: int
@@ -84,6 +90,7 @@ class NodeAnswer(msgspec.Struct, kw_only=True):
     n_shipped: int
     n_images: int
     dims: list[str]
+    axis_names: dict[str, str]
     prior_dims: list[list[str]]
     quantiles_mm: Quantiles
     n_sources: int
@@ -141,6 +148,7 @@ class SearchHit(msgspec.Struct):
     tier: str
     n_items: int
     median_mm: dict[str, float]
+    axis_names: dict[str, str]
     labels: dict[str, list[str]]
 
 
@@ -199,6 +207,7 @@ class VocabularyRow(msgspec.Struct):
     tier: str | None
     n_items: int | None
     quantiles_mm: Quantiles | None
+    axis_names: dict[str, str] = {}
 
 
 class VocabularyAnswer(msgspec.Struct, kw_only=True):

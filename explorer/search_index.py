@@ -169,7 +169,8 @@ def size_index(catalogue: ReleaseCatalogue) -> bytes:
 
     `MT_SIZES` has for each node its name, tier, number of items, `INTERVAL_QUANTILES` in mm (three digits) by
     dimension, `shape_letter`, `mixture_table`, and the path of a cut-out image if there is one. `MT_REFERENCES` has
-    name, width and height in mm, and an outline in a box of 100 by 100. `MT_OPENINGS` has the slugs of the nodes that are openings.
+    name, width and height in mm, and an outline in a box of 100 by 100. `MT_OPENINGS` has the slugs of the nodes that
+    are openings.
     """
     rows, openings = {}, []
     for node in catalogue.nodes.values():

@@ -15,6 +15,7 @@ from metric_base.records import csv_text
 from metric_tree.axes import DIMENSIONS
 from metric_tree.node import Node
 from metric_tree.prior import INTERVAL_QUANTILES, QUANTILES
+from metric_tree.reports.stated_axes import axis_names
 
 
 def csv_bytes(table: pa.Table) -> bytes:
@@ -35,10 +36,10 @@ def items_table(catalogue: ReleaseCatalogue, node: Node) -> pa.Table:
 
 
 def node_sizes_csv(catalogue: ReleaseCatalogue, node: Node) -> bytes:
-    """Return the quantiles of a node in mm as CSV, a row for each dimension."""
-    sizes = quantile_table(catalogue.dims(node), catalogue.quantiles(node))
-    head = ["dimension", *(f"q{round(100 * q):02d}_mm" for q in QUANTILES)]
-    return csv_text(head, ([dim, *row.values()] for dim, row in sizes.items()))
+    """Return the quantiles of a node in mm as CSV, a row for each dimension with its name in everyday use."""
+    sizes, names = quantile_table(catalogue.dims(node), catalogue.quantiles(node)), axis_names(node)
+    head = ["dimension", "everyday_name", *(f"q{round(100 * q):02d}_mm" for q in QUANTILES)]
+    return csv_text(head, ([dim, names.get(dim, dim), *row.values()] for dim, row in sizes.items()))
 
 
 @lru_cache(maxsize=1)  # for CSV and Parquet

@@ -21,10 +21,11 @@ from explorer.responses import node_response, outside_links, shown_name
 from explorer.urls import page_of, slug
 from metric_base.arrays import FloatArray, IntArray
 from metric_base.regions import region_of
-from metric_tree.axes import DIMENSIONS
+from metric_tree.axes import AXES, DIMENSIONS
 from metric_tree.context import Where
 from metric_tree.node import Node
 from metric_tree.prior import INTERVAL_QUANTILES, MEDIAN, QUANTILES, Prior
+from metric_tree.reports.stated_axes import axis_names
 
 #: Maximum number of rows of a comparison of categories.
 MAX_ROWS = 9
@@ -48,13 +49,15 @@ MAX_YEAR_STEPS = 9
 MIN_SCATTER_ITEMS = 5
 #: Minimum share of a kind of evidence in the prior whose items are in the charts; those of others do not agree with it.
 MIN_DRAWN_SHARE = 0.01
+#: Kinds of evidence of a range or a default, which is no item.
+_JUDGED = ("judged", "default")
 ISSUES = "https://github.com/metric-tree/metric-tree/issues/new"
 
 
 def node_page(catalogue: ReleaseCatalogue, node: Node) -> bytes:
     """Return the page of a category."""
     answer = node_response(catalogue, node)
-    prior, rows = catalogue.prior(node), catalogue.rows(node)
+    prior, rows, names = catalogue.prior(node), catalogue.rows(node), axis_names(node)
     sizes, kinds = catalogue.sizes[rows], catalogue.kinds[rows]
     table = catalogue.quantiles(node)
     drawing, plot, plot_dims, distributions = "", "", "", []
@@ -62,7 +65,7 @@ def node_page(catalogue: ReleaseCatalogue, node: Node) -> bytes:
     if prior is not None:
         drawn_kinds = [kind for kind in KINDS if prior.share_by_kind.get(kind, 0) >= MIN_DRAWN_SHARE]
         is_drawn = np.isin(kinds, drawn_kinds)
-        drawing = size_comparison(shown_name(node), drawn_box(prior, table))
+        drawing = size_comparison(shown_name(node), drawn_box(prior, table, names))
         for place, dim in enumerate(prior.dims):
             column = sizes[:, DIMENSIONS.index(dim)]
             known = ~np.isnan(column) & is_drawn
@@ -75,7 +78,7 @@ def node_page(catalogue: ReleaseCatalogue, node: Node) -> bytes:
         complete = ~np.isnan(columns).any(axis=1) & is_drawn
         if len(pair) == 2 and complete.sum() >= MIN_SCATTER_ITEMS:
             plot = scatter(prior.marginal(pair), columns[complete], kinds[complete])
-            plot_dims = f"{pair[0]} against {pair[1]}"
+            plot_dims = " against ".join(names.get(dim, dim) for dim in pair)
     source_rows = [
         {"title": name, "kind": "", "licence": "", **catalogue.sources.get(name, {}), "id": name, "n": n}
         for name, n in answer.shipped["source"].items()
@@ -84,6 +87,8 @@ def node_page(catalogue: ReleaseCatalogue, node: Node) -> bytes:
     withheld = [catalogue.sources[name] for name in named if catalogue.sources.get(name, {}).get("withheld")]
     n_unnamed = max(0, answer.n_sources - len(source_rows) - len(withheld))
     siblings = node.parent.children if node.parent else ()
+    is_listed = ~np.isin(kinds, _JUDGED) if not np.isin(kinds, _JUDGED).all() else np.ones(len(rows), dtype=bool)
+    listed_dim = main_dimension(answer.dims)
     report = f"Node: {node.node_id}\nRelease: {catalogue.tree.version}\n\nWhat is wrong:\n\nA source:\n"
     return page_bytes(
         catalogue,
@@ -97,6 +102,7 @@ def node_page(catalogue: ReleaseCatalogue, node: Node) -> bytes:
         line=[(name, page_of(node_id)) for name, node_id in zip(answer.path, answer.path_ids, strict=True)],
         quantiles=QUANTILES,
         axis_words=axis_words(node),
+        axis_names=names,
         sizes=list(zip(answer.dims, table.T.tolist(), strict=True)),
         drawing=Markup(drawing),
         distributions=distributions,
@@ -114,7 +120,9 @@ def node_page(catalogue: ReleaseCatalogue, node: Node) -> bytes:
         children=category_bars(catalogue, node.children, node),
         siblings=category_bars(catalogue, siblings, node) if len(siblings) > 1 else None,
         pictures=images_to_scale(catalogue, node),
-        items=items_by_size(catalogue, rows, sizes),
+        items=items_by_size(catalogue, rows[is_listed], sizes[is_listed], listed_dim),
+        n_listed=int(is_listed.sum()),
+        listed_dim=names.get(listed_dim, listed_dim) if listed_dim in AXES else "side",
         max_loaded=MAX_LOADED_ITEMS,
         dims_code="(" + ", ".join(f'"{dim}"' for dim in answer.dims) + ("," if len(answer.dims) == 1 else "") + ")",
         outside=outside_links(catalogue, node),
@@ -174,13 +182,14 @@ def category_bars(catalogue: ReleaseCatalogue, nodes: Sequence[Node], current: N
             }
         )
     href = page_of(current.parent_id) if current.parent_id else ""
+    dim = axis_names(current).get(dim, dim)
     return {"dim": dim, "low": axis.low, "high": axis.high, "more": len(nodes) - len(shown), "href": href, "rows": rows}
 
 
-def drawn_box(prior: Prior, table: FloatArray) -> DrawnBox:
+def drawn_box(prior: Prior, table: FloatArray, names: Mapping[str, str]) -> DrawnBox:
     """Return the box to draw: length or the first dimension across, height up, width deep.
 
-    A dimension that the prior lacks is replaced by another one.
+    A dimension that the prior lacks is replaced by another one. `names` are those of `axis_names`.
     """
     spans: dict[str, tuple[float, float, float]] = {}
     for place, dim in enumerate(prior.dims):
@@ -190,7 +199,8 @@ def drawn_box(prior: Prior, table: FloatArray) -> DrawnBox:
     others = [dim for dim in spans if dim != across]
     up = next((dim for dim in ("height", "extent2", "width", *others) if dim in others), across)
     deep = next((dim for dim in ("width", "extent3", *others) if dim in others and dim != up), None)
-    return DrawnBox(spans[across], spans[up], spans[deep] if deep else None, (across, up, deep or ""))
+    shown = (names.get(across, across), names.get(up, up), names.get(deep, deep) if deep else "")
+    return DrawnBox(spans[across], spans[up], spans[deep] if deep else None, shown)
 
 
 def context_table(node: Node, prior: Prior) -> dict[str, Any] | None:
@@ -262,16 +272,22 @@ def images_to_scale(catalogue: ReleaseCatalogue, node: Node) -> list[dict[str, A
     return images
 
 
-def items_by_size(catalogue: ReleaseCatalogue, rows: IntArray, sizes: FloatArray) -> list[dict[str, Any]]:
-    """Return at most `MAX_ITEMS` of the items (rows of the table) from the largest to the smallest, evenly by rank."""
+def items_by_size(catalogue: ReleaseCatalogue, rows: IntArray, sizes: FloatArray, dim: str) -> list[dict[str, Any]]:
+    """Return at most `MAX_ITEMS` of the items (rows of the table) by decreasing size, evenly by rank.
+
+    The size of an item is its dimension `dim` if it is an axis and known, otherwise the longest side.
+    """
     largest = np.nanmax(np.nan_to_num(sizes), axis=1) if len(rows) else np.zeros(0)
+    if dim in AXES:
+        known = sizes[:, DIMENSIONS.index(dim)]
+        largest = np.where(np.isnan(known), largest, known)
     order = np.argsort(-largest, kind="stable")
     items = []
     for row in rows[order[np.linspace(0, len(order) - 1, min(MAX_ITEMS, len(order))).astype(int)]]:
         (item,) = catalogue.items.slice(int(row), 1).to_pylist()
-        shown: Sequence[float | None] = [item[f"{dim}_mm"] for dim in ("length", "width", "height")]
-        if not any(shown):
+        shown: Sequence[float | None] = [item[f"{axis}_mm"] for axis in AXES]
+        if is_sorted := not any(shown):
             shown = [*(item["extents_mm"] or ()), None, None, None][:3]
         title = (item["title"] or item["item_id"])[:90]
-        items.append({**item, "sizes": shown, "url": web_address(item["url"]), "title": title})
+        items.append({**item, "sizes": shown, "is_sorted": is_sorted, "url": web_address(item["url"]), "title": title})
     return items

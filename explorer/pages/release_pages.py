@@ -39,6 +39,8 @@ WIDTH, HEIGHT, LEVELS = 1000, 1400, 5
 MIN_NODE_HEIGHT_PX = 2.2
 #: Minimum height of a node with its name, and width of a letter, in pixels.
 MIN_NAMED_HEIGHT_PX, LETTER_WIDTH_PX = 11, 6.3
+#: Minimum height in pixels of a node whose name is also legible on a phone, where the chart is a third as large.
+MIN_LARGE_HEIGHT_PX = 32
 
 
 def change_tables(
@@ -237,7 +239,8 @@ def _areas(node: Node, top: float, bottom: float, tier: Callable[[Node], str]) -
     shown = node.name
     if len(node.name) * LETTER_WIDTH_PX >= column - 10:
         shown = f"{node.name[: int(column / LETTER_WIDTH_PX) - 3]}…"
-    text = f'<text x="{x + 5:.0f}" y="{top + min(height / 2 + 4, 14):.1f}">{escape(shown)}</text>'
+    kind_of_text = ' class="large"' if height >= MIN_LARGE_HEIGHT_PX else ""
+    text = f'<text{kind_of_text} x="{x + 5:.0f}" y="{top + min(height / 2 + 4, 14):.1f}">{escape(shown)}</text>'
     yield (
         f'<a href="{escape(page_of(node.node_id))}"><rect class="tier-{kind}" x="{x:.0f}" y="{top:.1f}" '
         f'width="{column - 1:.0f}" height="{max(height - 0.7, 0.5):.1f}"/><title>{escape(said)}</title>'

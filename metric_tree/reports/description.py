@@ -58,9 +58,9 @@ def subject_and_verb(name: str) -> str:
     >>> subject_and_verb("pruning shears"), subject_and_verb("jean"), subject_and_verb("door and doorframe")
     ('Pruning shears are', 'Jeans are', 'Objects of the category door and doorframe are')
     """
-    if " and " in name and not any(words in name for words in _JOINED_WORDS):
+    main_noun = name.partition(" (")[0]
+    if " and " in main_noun and not any(words in name for words in _JOINED_WORDS):
         return f"Objects of the category {name} are"
-    main_noun = name
     for word in _PREPOSITIONS:
         main_noun = main_noun.partition(word)[0]
     words = main_noun.lower().split(" ")

@@ -92,6 +92,21 @@ def test_no_page_scrolls_sideways_on_a_telephone(base: str, browser: Browser) ->
     assert wide == {}
 
 
+def test_no_drawing_scrolls_sideways_on_a_telephone(base: str, browser: Browser, catalogue: ReleaseCatalogue) -> None:
+    """Six objects beside a person and a door have numbers, which a list explains."""
+    six = [name for name, node in catalogue.by_slug.items() if catalogue.dims(node)][:6]
+    inner = "[...document.querySelectorAll('main *')].filter(one => one.scrollWidth > one.clientWidth + 1 && "
+    inner += "['auto', 'scroll'].includes(getComputedStyle(one).overflowX)).length"
+    for page in (f"compare.html?nodes={','.join(six)}", "tree.html"):
+        see(browser, f"{base}/{page}", width=390)
+        assert browser.run(inner) == 0, page
+        assert browser.run("document.documentElement.scrollWidth") <= 390
+    see(browser, f"{base}/compare.html?nodes={','.join(six)}", width=390)
+    assert browser.run("[...document.querySelectorAll('#front .name')].map(one => one.textContent)") == [*"12345678"]
+    assert browser.run("document.querySelectorAll('#numbered li').length") == 8
+    assert browser.run("document.querySelector('#front .movable .object').width.baseVal.value") > 10
+
+
 @pytest.mark.parametrize("form", ["served", "files"])
 def test_search_as_you_type(base: str, site: Path, browser: Browser, form: str) -> None:
     home = f"{base}/index.html" if form == "served" else (site / "index.html").as_uri()

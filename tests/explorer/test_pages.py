@@ -27,6 +27,7 @@ from explorer.pages.node_page import (
 )
 from explorer.pages.release_pages import change_tables, icicle, median_offset, source_page, vocabulary_page
 from explorer.pages.templating import Link, cell_html, environment, numeric_columns, web_address
+from explorer.responses import node_response, prior_response
 from explorer.tables import csv_bytes, node_sizes_csv, parquet_bytes, sizes_table
 from metric_tree.prior import INTERVAL_QUANTILES
 from metric_tree.reports.diff import MovedPrior, ReleaseDiff
@@ -86,7 +87,7 @@ def test_a_scatter_chart_needs_enough_items(
 ) -> None:
     node = catalogue.nodes["swivel_chair.n.01"]
     monkeypatch.setattr("explorer.pages.node_page.MIN_SCATTER_ITEMS", len(catalogue.rows(node)) + change)
-    assert ("length against height" in node_page(catalogue, node).decode()) == (change == 0)
+    assert ("width against height" in node_page(catalogue, node).decode()) == (change == 0)
 
 
 def test_items_are_from_the_largest_to_the_smallest(
@@ -95,11 +96,49 @@ def test_items_are_from_the_largest_to_the_smallest(
     rows = catalogue.rows(catalogue.nodes["swivel_chair.n.01"])
     heights = sorted(catalogue.items["height_mm"].take(rows).to_pylist(), reverse=True)
     monkeypatch.setattr("explorer.pages.node_page.MAX_ITEMS", len(rows))
-    assert [item["height_mm"] for item in items_by_size(catalogue, rows, catalogue.sizes[rows])] == heights
+    assert [item["height_mm"] for item in items_by_size(catalogue, rows, catalogue.sizes[rows], "height")] == heights
     monkeypatch.setattr("explorer.pages.node_page.MAX_ITEMS", 2)
-    shown = items_by_size(catalogue, rows, catalogue.sizes[rows])
+    shown = items_by_size(catalogue, rows, catalogue.sizes[rows], "height")
     assert [item["height_mm"] for item in shown] == [heights[0], heights[-1]]
-    assert items_by_size(catalogue, rows[:0], catalogue.sizes[rows[:0]]) == []
+    assert items_by_size(catalogue, rows[:0], catalogue.sizes[rows[:0]], "height") == []
+
+
+def test_ranges_and_defaults_are_no_listed_items(catalogue: ReleaseCatalogue, monkeypatch: pytest.MonkeyPatch) -> None:
+    node = catalogue.nodes["swivel_chair.n.01"]
+    rows = catalogue.rows(node)
+    kinds = catalogue.kinds.copy()
+    kinds[rows[0]] = "judged"
+    monkeypatch.setitem(catalogue.__dict__, "kinds", kinds)
+    page = node_page(catalogue, node).decode()
+    assert f"</span> of {len(rows) - 1} shipped items, from the largest height to the smallest. 1 rows with" in page
+    kinds[:] = "judged"
+    assert f"</span> of {len(rows)} shipped items" in node_page(catalogue, node).decode()
+
+
+def test_axes_have_the_names_of_everyday_use(catalogue: ReleaseCatalogue) -> None:
+    chair, rat = catalogue.nodes["swivel_chair.n.01"], catalogue.nodes["rat.n.01"]
+    heads = [node_page(catalogue, node).decode().partition('<table class="sortable items"')[2] for node in (chair, rat)]
+    assert '<th scope="col">width</th><th scope="col">depth</th><th scope="col">height</th>' in heads[0]
+    assert '<th scope="col">length</th><th scope="col">width</th><th scope="col">height</th>' in heads[1]
+    assert node_response(catalogue, chair).axis_names == {"length": "width", "width": "depth"}
+    assert node_response(catalogue, rat).axis_names == {}
+    assert prior_response(catalogue, chair).axis_names == {"length": "width", "width": "depth"}  # type: ignore[union-attr]
+
+
+def test_a_page_without_items_offers_none(catalogue: ReleaseCatalogue, monkeypatch: pytest.MonkeyPatch) -> None:
+    node = catalogue.nodes["swivel_chair.n.01"]
+    monkeypatch.setattr(ReleaseCatalogue, "rows", lambda *_: np.zeros(0, dtype=int))
+    monkeypatch.setattr(ReleaseCatalogue, "images", lambda *_: [])
+    page = node_page(catalogue, node).decode()
+    assert "items.json" not in page
+    assert "items.parquet" not in page
+    assert not {"items", "csv", "parquet", "images"} & set(node_response(catalogue, node).links)
+
+
+def test_the_axis_of_bars_has_the_unit_of_its_table(catalogue: ReleaseCatalogue) -> None:
+    page = node_page(catalogue, catalogue.nodes["chair.n.01"]).decode()
+    for table in re.findall(r'<table class="bars".*?</table>', page, re.DOTALL):
+        assert len(set(re.findall(r">[\d.,]+ (mm|cm|m)<", table))) == 1
 
 
 def _image(item_id: str, width: int, height: int, scale: float | None, credit: str | None = None) -> dict[str, object]:
@@ -164,11 +203,13 @@ def test_the_drawn_box_is_length_by_height_and_width_deep(catalogue: ReleaseCata
     node = catalogue.nodes["swivel_chair.n.01"]
     prior = catalogue.prior(node)
     assert prior is not None
-    assert drawn_box(prior, catalogue.quantiles(node)).names == ("length", "height", "width")
+    assert drawn_box(prior, catalogue.quantiles(node), {}).names == ("length", "height", "width")
+    named = drawn_box(prior, catalogue.quantiles(node), {"length": "width", "width": "depth"})
+    assert named.names == ("width", "height", "depth")
     extents = replace(prior, dims=("extent1", "extent2", "extent3"))
-    assert drawn_box(extents, catalogue.quantiles(node)).names == ("extent1", "extent2", "extent3")
+    assert drawn_box(extents, catalogue.quantiles(node), {}).names == ("extent1", "extent2", "extent3")
     height = prior.marginal(("height",))
-    box = drawn_box(height, height.quantiles((0.05, 0.25, 0.5, 0.75, 0.95)))
+    box = drawn_box(height, height.quantiles((0.05, 0.25, 0.5, 0.75, 0.95)), {})
     assert box.names == ("height", "height", "")
     assert box.deep is None
     assert box.up == tuple(height.quantiles(INTERVAL_QUANTILES)[:, 0])
@@ -399,7 +440,7 @@ def test_lengths_of_a_table_have_one_unit_and_fixed_decimals(mm: float, typical:
 def test_tables_of_sizes_have_the_quantiles_of_all_categories(catalogue: ReleaseCatalogue) -> None:
     node = catalogue.nodes["swivel_chair.n.01"]
     (head, *lines) = node_sizes_csv(catalogue, node).decode().splitlines()
-    assert head == "dimension,q05_mm,q25_mm,q50_mm,q75_mm,q95_mm"
+    assert head == "dimension,everyday_name,q05_mm,q25_mm,q50_mm,q75_mm,q95_mm"
     assert [line.split(",")[0] for line in lines] == list(catalogue.dims(node))
     table = pq.read_table(io.BytesIO(parquet_bytes(sizes_table(catalogue))))
     rows = {row["node_id"]: row for row in table.to_pylist()}

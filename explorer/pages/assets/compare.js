@@ -2,13 +2,13 @@
 "use strict";
 (function () {
   const MOST = 6, SVG = "http://www.w3.org/2000/svg", { lengthText, chosenUnit, showUnits, sizeElement } = window.metricTree;
-  const SLOT_PX = 82, GAP_PX = 14, TALL_PX = 320, HEAD_PX = 44, FOOT_PX = 34, BAR_PX = 7, STEP_PX = 8, SMALL_MM = 450;
+  const SLOT_PX = 82, GAP_PX = 14, TALL_PX = 320, HEAD_PX = 44, FOOT_PX = 34, BAR_PX = 7, NUMBER_PX = 16, STEP_PX = 8, SMALL_MM = 450;
   const WORDS = { height: "high", extent1: "longest side", extent2: "middle side", extent3: "shortest side" };
   const form = document.getElementById("add"), input = document.getElementById("add-name");
   const message = document.getElementById("message"), views = document.querySelector(".scene-views");
   const asked = new URLSearchParams(location.search);
   let chosen = (asked.get("nodes") || "").split(",").filter((slug) => MT_SIZES[slug]).slice(0, MOST);
-  let scene = [], scale = 1, references = null;
+  let scene = [], scale = 1, slotPx = SLOT_PX, references = null;
 
   const SIDES = { "": ["long", "wide"], f: ["wide", "deep"], o: ["in diameter", "in the smaller diameter"] };
   function word(slug, dim) {
@@ -36,7 +36,10 @@
     return one;
   }
   function sized(one, side) { return one[side] ? lengthText(one[side], chosenUnit()) + " " + one.words[side] : ""; }
-  function slot(one, factor) { return Math.max((one.across || 0) * factor, SLOT_PX); }
+  function slot(one, factor) { return Math.max((one.across || 0) * factor, slotPx); }
+  // On a narrow screen, objects have numbers in place of names and sizes, which are listed below.
+  function isNumbered() { return slotPx < SLOT_PX; }
+  function description(one) { return [one.name, sized(one, "across"), sized(one, "deep"), sized(one, "up")].filter(Boolean).join(", "); }
 
   // Place all objects in a row at the largest scale at which they fit.
   function layout() {
@@ -44,12 +47,13 @@
     const shown = chosen.map(category), most = Math.max(...shown.map(largest));
     if (!references) references = MT_REFERENCES.map(([name]) => name).filter((name) => (name === "hand") === most < SMALL_MM);
     shown.push(...MT_REFERENCES.filter(([name]) => references.includes(name)).map(reference));
-    const room = Math.max(views.clientWidth - 2 * GAP_PX, shown.length * (SLOT_PX + GAP_PX));
+    const room = views.clientWidth - 2 * GAP_PX;
+    slotPx = SLOT_PX + GAP_PX <= room / shown.length ? SLOT_PX : NUMBER_PX;
     const tall = Math.max(...shown.map((one) => Math.max(one.up || 0, one.deep || 0)), most / 4);
     let low = 0, high = TALL_PX / tall;
     for (let step = 0; step < 40; step++) {
       const factor = (low + high) / 2, width = shown.reduce((sum, one) => sum + slot(one, factor) + GAP_PX, 0);
-      if (width <= room) low = factor; else high = factor;
+      if (width <= room + 1) low = factor; else high = factor;
     }
     scale = low;
     let x = GAP_PX;
@@ -59,7 +63,7 @@
       x += 2 * half + GAP_PX;
     }
     scene = shown;
-    return Math.max(x, views.clientWidth);
+    return views.clientWidth;
   }
   // The drawing of an object around (0, 0), the middle of its lower edge.
   function shape(one, view) {
@@ -73,7 +77,7 @@
     } else if (wide) parts.push(element("rect", { x: box.x, y: -3, width: wide, height: 3, class: one.outline ? "reference" : "object" }));
     else if (high) parts.push(element("rect", { x: -BAR_PX / 2, y: -high, width: BAR_PX, height: high, class: "object" }));
     else parts.push(element("circle", { r: 3, cy: -3, class: "object" }));
-    const lines = view === "front" ? [sized(one, "across"), sized(one, "up")].filter(Boolean) : [sized(one, "deep") || (one.outline ? "" : "depth not known")];
+    const lines = isNumbered() ? [] : view === "front" ? [sized(one, "across"), sized(one, "up")].filter(Boolean) : [sized(one, "deep") || (one.outline ? "" : "depth not known")];
     lines.forEach((line, k) => parts.push(element("text", { y: -high - 7 - 13 * (lines.length - 1 - k) }, line)));
     return parts;
   }
@@ -85,15 +89,14 @@
     for (const view of ["front", "top"]) {
       const svg = document.getElementById(view), floor = heights[view];
       svg.setAttribute("viewBox", `0 0 ${width} ${floor + FOOT_PX}`);
-      svg.style.width = width + "px";
       const groups = scene.map((one) => group(one, view, width, floor, deepest));
       svg.replaceChildren(element("path", { d: `M0 ${floor}H${width}`, class: "floor" }), ...groups);
     }
+    document.getElementById("numbered").replaceChildren(...(isNumbered() ? scene : []).map((one) => Object.assign(document.createElement("li"), { textContent: description(one) })));
   }
   function group(one, view, width, floor, deepest) {
-    const said = [one.name, sized(one, "across"), sized(one, "deep"), sized(one, "up")].filter(Boolean).join(", ");
-    const g = element("g", { class: "movable", tabindex: 0, role: "button", "aria-label": said + "; arrow keys move it" });
-    const label = element("text", { y: 15, class: "name" }, one.name.length > 16 ? one.name.slice(0, 15) + "…" : one.name);
+    const g = element("g", { class: "movable", tabindex: 0, role: "button", "aria-label": description(one) + "; arrow keys move it" });
+    const label = element("text", { y: 15, class: "name" }, isNumbered() ? String(scene.indexOf(one) + 1) : one.name.length > 16 ? one.name.slice(0, 15) + "…" : one.name);
     g.append(...shape(one, view), label);
     const place = () => {
       g.setAttribute("transform", `translate(${one.x} ${view === "top" ? floor - one.z : floor})`);

@@ -116,17 +116,26 @@
     const labels = [...table.tHead.rows[0].cells].map((cell) => cell.textContent);
     for (const row of table.tBodies[0].rows) for (const cell of row.cells) if (cell.tagName === "TD") cell.dataset.label = labels[cell.cellIndex];
   }
-  // A phone shows the parts of a page closed, and the first rows of long tables.
+  // A phone shows one part of a page at a time, and long tables in pages.
   const sortable = document.querySelectorAll("table.sortable"), SHOWN_ROWS = Math.max(5, Math.floor(20 / sortable.length)), narrow = matchMedia("(max-width: 560px)").matches;
-  if (narrow) for (const part of document.querySelectorAll("details.part")) part.open = "#" + part.querySelector("h2").id === location.hash;
+  if (narrow) {
+    const parts = [...document.querySelectorAll("details.part")], named = parts.find((part) => "#" + part.querySelector("h2").id === location.hash);
+    for (const part of parts) Object.assign(part, { open: part === (named || parts[0]), name: "part" });
+    for (const list of document.querySelectorAll("details.note")) list.open = false;
+  }
   function shorten(table) {
-    const rest = [...table.tBodies[0].rows].slice(SHOWN_ROWS);
-    if (!narrow || !rest.length) return;
-    const button = document.createElement("button");
-    button.textContent = `Show ${rest.length} more rows`;
-    for (const row of rest) row.hidden = true;
-    button.addEventListener("click", () => { for (const row of rest) row.hidden = false; button.remove(); });
-    table.after(button);
+    const rows = [...table.tBodies[0].rows], pager = table.parentElement.querySelector(".pager") || document.createElement("button");
+    pager.remove();
+    if (!narrow || rows.length <= SHOWN_ROWS) return;
+    let first = -SHOWN_ROWS;
+    pager.className = "pager";
+    pager.onclick = () => {
+      first = first + SHOWN_ROWS < rows.length ? first + SHOWN_ROWS : 0;
+      rows.forEach((row, k) => { row.hidden = k < first || k >= first + SHOWN_ROWS; });
+      pager.textContent = `Rows ${first + 1} to ${Math.min(first + SHOWN_ROWS, rows.length)} of ${rows.length}: show the next ones`;
+    };
+    pager.onclick();
+    table.after(pager);
   }
   for (const table of sortable) {
     labelCells(table);
@@ -150,9 +159,10 @@
   if (more && location.protocol !== "file:") more.addEventListener("click", async () => {
     more.disabled = true;
     const body = document.querySelector("#items tbody");
-    const rows = csv(await (await fetch(more.dataset.href)).text());
+    const all = csv(await (await fetch(more.dataset.href)).text()), real = all.filter((row) => !["judged", "default"].includes(row.kind)), rows = real.length ? real : all;
     body.replaceChildren(...rows.map(itemRow));
     labelCells(body.parentElement);
+    shorten(body.parentElement);
     showUnits(body);
     document.getElementById("items-shown").textContent = rows.length.toLocaleString("en");
     more.remove();
@@ -182,7 +192,12 @@
     } else head.textContent = title;
     row.append(head);
     let sizes = [item.length_mm, item.width_mm, item.height_mm].map(Number);
-    if (!sizes.some(Boolean)) sizes = item.extents_mm.split(" ").map(Number);
+    if (!sizes.some(Boolean)) {
+      sizes = item.extents_mm.split(" ").map(Number);
+      const note = document.createElement("small");
+      note.textContent = " longest side first";
+      head.append(note);
+    }
     for (let k = 0; k < 3; k++) {
       const cell = row.insertCell();
       if (sizes[k]) cell.append(sizeElement(sizes[k]));

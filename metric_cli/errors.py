@@ -28,7 +28,7 @@ MODULES_BY_EXTRA: dict[str, tuple[str, ...]] = {
     "video": ("av",),
     "insert": ("moderngl",),
     "usd": ("pxr",),
-    "crawl": ("scrapy", "lxml", "extruct", "redis", "twisted", "w3lib"),
+    "crawl": ("scrapy", "lxml", "extruct", "brotli", "redis", "twisted", "w3lib"),
     "build": ("nltk", "pooch", "requests", "xlrd", "yaml"),
     "images": ("rembg",),
     "assets": ("trimesh", "collada", "lxml"),

@@ -20,6 +20,7 @@ from types import SimpleNamespace
 from typing import Any
 from urllib.parse import urlsplit
 
+import brotli
 from lxml import etree
 
 from crawler.page.page import MAX_BYTES, BadPage, Page, other_content, page
@@ -32,6 +33,9 @@ ARCHIVE_SUFFIXES = (".warc", ".nq")
 MAX_LINE = 1 << 20
 #: Maximum depth of the objects of a product: a product, its property, and the value of that.
 MAX_DEPTH = 3
+#: Maximum number of values of the products of a page, with those of their objects; objects that refer to each other
+#: would have the third power of their number.
+MAX_VALUES = 100_000
 #: Bytes of pages that may state a size: a number with a unit of length, a unit in brackets, or a code of a unit.
 _NUMBER_WITH_UNIT = re.compile(
     rb"[0-9](?:(?:[\s>\\]|&nbsp;|\xc2\xa0|</?[A-Za-z][^<>]{0,80}>){0,8}(?:(?i:[mc]m\b|m\b|met[er]|[mc]illim|cent[i\xc3]|in\b"
@@ -96,7 +100,7 @@ def _warc_pages(path: Path, file: BufferedIOBase) -> Iterator[Page | None]:
             if body and not other_content(body):
                 is_wide = body[:2] in (b"\xff\xfe", b"\xfe\xff")  # UTF-16
                 yield page(body, url, content_type) if is_wide or _may_state_size(body) else None
-        except (BadPage, HTTPException, ValueError, zlib.error):
+        except (BadPage, HTTPException, ValueError, brotli.error, zlib.error):
             yield None
 
 
@@ -113,6 +117,8 @@ def _page_body(content: bytes) -> tuple[bytes, str | None]:
         body = error.partial
     if body[:2] == b"\x1f\x8b":
         body = zlib.decompressobj(wbits=31).decompress(body, MAX_BYTES + 1)
+    elif response.headers["Content-Encoding"] == "br" and not body.lstrip().startswith(b"<"):
+        body = brotli.Decompressor().process(body, output_buffer_limit=MAX_BYTES + 1)
     return body, content_type
 
 
@@ -140,32 +146,39 @@ def _quad_pages(path: Path, file: BufferedIOBase) -> Iterator[Page | None]:
         if not url.startswith("http"):
             continue
         nodes: dict[str, dict[str, list[str]]] = {}
+        n_characters = 0
         for _, subject, predicate, value in group:
-            nodes.setdefault(subject, {}).setdefault(re.split("[/#]", predicate)[-1], []).append(value)
+            n_characters += len(subject) + len(predicate) + len(value)
+            if n_characters <= MAX_BYTES:  # as of any page; the remainder is omitted
+                nodes.setdefault(subject, {}).setdefault(re.split("[/#]", predicate)[-1], []).append(value)
         languages = [value.rpartition("@")[2] for node in nodes.values() for value in node.get("name", ())]
         language = language_of(next(iter(languages), None), urlsplit(url).hostname or "")
-        data = [_linked_data(nodes, subject) for subject in nodes]
-        products = [node for node in data if any("Product" in kind for kind in node.get("@type", ()))]
+        budget = iter(range(MAX_VALUES))
+        subjects = [name for name, node in nodes.items() if any("Product" in kind for kind in node.get("type", ()))]
+        products = [_linked_data(nodes, subject, budget) for subject in subjects]
         text = json.dumps(products, ensure_ascii=False)
         is_sized = any(axis in text for axis in ('"width"', '"height"', '"depth"', '"length"', "additionalProperty"))
         is_sized = is_sized or _may_state_size(text.encode())
         yield Page(url, "", etree.Element("html"), language, (text,)) if is_sized else None
 
 
-def _linked_data(nodes: dict[str, dict[str, list[str]]], subject: str, depth: int = 0) -> dict[str, Any]:
-    """Return a node of N-Quads as an object of JSON-LD; objects below `MAX_DEPTH` are omitted."""
+def _linked_data(
+    nodes: dict[str, dict[str, list[str]]], subject: str, budget: Iterator[int], depth: int = 0
+) -> dict[str, Any]:
+    """Return a node of N-Quads as JSON-LD; objects below `MAX_DEPTH`, and values after the `budget`, are omitted."""
 
     def value(text: str) -> Any:
         if text in nodes and depth < MAX_DEPTH:
-            return _linked_data(nodes, text, depth + 1)
+            return _linked_data(nodes, text, budget, depth + 1)
         if text.startswith('"'):
             return _ESCAPE.sub(_character, text[1 : text.rindex('"')])
         return text.strip("<>")
 
     record: dict[str, Any] = {"@type": [kind.strip("<>") for kind in nodes[subject].get("type", ())]}
     for name, texts in nodes[subject].items():
-        values = [value(text) for text in texts]
-        record[name] = values[0] if len(values) == 1 else values
+        values = [value(text) for text in texts if next(budget, None) is not None]
+        if values:
+            record[name] = values[0] if len(values) == 1 else values
     return record
 
 

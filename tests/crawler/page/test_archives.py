@@ -6,9 +6,11 @@ import gzip
 import json
 from pathlib import Path
 
+import brotli
 import pytest
 
 from crawler.items import raw_items
+from crawler.page import archives
 from crawler.page.archives import archived_pages
 from crawler.page.page import page
 from crawler.sites.registry import item_of
@@ -43,8 +45,8 @@ def response(url: str, body: bytes, fields: str = "", status: str = "200 OK") ->
 
 
 def warc_records() -> list[bytes]:
-    """Return the records of a file: four pages with a size, one without, and records that are not pages."""
-    pages = [TABLE.format(f"Shelf {number}", f"80 x 24 x 1{number} cm").encode() for number in range(4)]
+    """Return the records of a file: six pages with a size, one without, one damaged, and records that are not pages."""
+    pages = [TABLE.format(f"Shelf {number}", f"80 x 24 x 1{number} cm").encode() for number in range(6)]
     packed = gzip.compress(pages[1])
     chunked = b"%x\r\n%s\r\n0\r\n\r\n" % (len(pages[2]), pages[2])
     return [
@@ -54,6 +56,9 @@ def warc_records() -> list[bytes]:
         response("<https://shop.example/1>", packed, f"Content-Encoding: gzip\r\nContent-Length: {len(packed)}\r\n"),
         response("https://shop.example/2", chunked, "Transfer-Encoding: chunked\r\n"),
         response("https://shop.example/3", pages[3], "Content-Length: 99999\r\n"),  # of the packed transfer
+        response("https://shop.example/4", brotli.compress(pages[4]), "Content-Encoding: br\r\n"),
+        response("https://shop.example/5", pages[5], "Content-Encoding: br\r\n"),  # unpacked by the archive
+        response("https://shop.example/6", b"\xff" * 99, "Content-Encoding: br\r\n"),  # damaged
         response("https://shop.example/news", PROSE.encode()),
         response("https://shop.example/gone", pages[0], status="404 Not Found"),
         record("response", "dns:shop.example", b"20260102030405\nshop.example. 300 IN A 192.0.2.1\n"),
@@ -68,10 +73,10 @@ def test_pages_of_a_web_archive_with_a_size_become_raw_items(
     path.write_bytes(b"".join(gzip.compress(one) if form.endswith("gz") else one for one in warc_records()))
     assert main(["extract", str(path), "--out", str(out), "--json"]) == 0
     printed = json.loads(capsys.readouterr().out)
-    assert (printed["pages"], printed["read"], printed["items"], printed["kept"]) == (5, 4, 4, 0.8)
+    assert (printed["pages"], printed["read"], printed["items"], printed["kept"]) == (8, 6, 6, 0.75)
     assert printed["ms_per_page"] > 0
     found = {item.url: item for item in raw_items(out)}
-    assert sorted(found) == [f"https://shop.example/{number}" for number in range(4)]
+    assert sorted(found) == [f"https://shop.example/{number}" for number in range(6)]
     assert found["https://shop.example/2"].extents_mm == (800.0, 240.0, 120.0)
     assert found["https://shop.example/1"].title == "Shelf 1"
 
@@ -87,6 +92,31 @@ def test_products_of_n_quads_become_raw_items(tmp_path: Path, form: str, prefix:
     assert (first.title, first.source_id, first.url) == ('Oak "shelf0" é', "shelf0-7", "https://shop.example/shelf0")
     assert first.category_path == ("Furniture", "Shelves")
     assert (first.extents_mm, second.extents_mm) == ((1200.0, 800.0), (1200.0, 810.0))
+
+
+def test_a_page_of_a_million_quads_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The quads of a page after its maximum size are omitted; those of the next page are read."""
+    many = '_:n1 <http://schema.org/keywords> "word" <https://shop.example/many> .\n'
+    path = tmp_path / "products.nq"
+    text = PRODUCT.format("many", 80, "120 cm", "") + many * 20_000 + PRODUCT.format("next", 80, "120 cm", "")
+    path.write_text(text)
+    monkeypatch.setattr(archives, "MAX_BYTES", 10_000)
+    first, second = archived_pages(path)
+    assert first is not None
+    assert second is not None
+    assert len(first.linked_data[0]) < 10_000
+    assert second.url == "https://shop.example/next"
+    assert item_of(first).extents_mm == item_of(second).extents_mm
+
+
+def test_objects_of_n_quads_that_refer_to_each_other_are_bounded(tmp_path: Path) -> None:
+    """Each of 60 products refers to all: 60 to the fourth power values without the bound."""
+    url, n = "<https://shop.example/1>", 60
+    kind = "<http://www.w3.org/1999/02/22-rdf-syntax-ns#type> <http://schema.org/Product>"
+    lines = [f"_:n{one} {kind} {url} ." for one in range(n)]
+    lines += [f"_:n{a} <http://schema.org/isRelatedTo> _:n{b} {url} ." for a in range(n) for b in range(n)]
+    (tmp_path / "a.nq").write_text("\n".join(lines))
+    assert processor_seconds(lambda: list(archived_pages(tmp_path / "a.nq")), 5.0) < 5.0
 
 
 @pytest.mark.parametrize(

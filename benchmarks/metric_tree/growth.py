@@ -76,7 +76,16 @@ def main() -> None:
         print(json.dumps(_measured(options)))
         return
     print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}, {options.workers} workers{', Dask' * options.dask}")
-    columns = ("rows", "raw MB", "wall s", "cpu s", "PSS of all MB", "rows of the fit", "work folder MB")
+    columns = (
+        "rows",
+        "raw MB",
+        "wall s",
+        "cpu s",
+        "PSS of all MB",
+        "largest process MB",
+        "rows of the fit",
+        "work folder MB",
+    )
     print(" | ".join([*columns, "cpu s of the parent by step"]))
     for rows in options.rows if options.raw is None else [sum(1 for _ in raw_lines(options.raw))]:
         with tempfile.TemporaryDirectory(prefix="growth-") as name:
@@ -86,9 +95,10 @@ def main() -> None:
             words += [] if options.raw is None else ["--raw", str(options.raw)]
             command = [sys.executable, "-m", "benchmarks.metric_tree.growth", *words]
             with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-                peak = work = 0
+                peak = largest = work = 0
                 while process.poll() is None:
-                    peak = max(peak, sum(_pss(pid) for pid in _family(process.pid)))
+                    sizes = [_pss(pid) for pid in _family(process.pid)]
+                    peak, largest = max(peak, sum(sizes)), max([largest, *sizes])
                     work = max(work, sum(_size(file) for file in (folder / "release.build").glob("work/*")))
                     time.sleep(0.5)
                 found = json.loads(process.stdout.read()) if process.stdout else {}
@@ -98,6 +108,7 @@ def main() -> None:
                 f"{found['wall']:.0f}",
                 f"{found['cpu']:.0f}",
                 f"{peak / 1e6:.0f}",
+                f"{largest / 1e6:.0f}",
             ]
             figures += [f"{found['n_fit']:,}", f"{work / 1e6:.0f}", str(found["steps"])]
             print(" | ".join(figures), flush=True)

@@ -23,6 +23,11 @@ MIN_WORD_LETTERS = 3
 _WORDS = re.compile(r"[^\W_]+")
 
 
+def size_codes(sizes: FloatArray) -> NDArray[np.int64]:
+    """Return integers that are equal for sizes that are the same number; of the shape of the sizes in mm."""
+    return np.nan_to_num(np.round(np.log(sizes) / SIZE_RELATIVE_TOLERANCE), nan=MISSING).astype(np.int64)
+
+
 def duplicates(
     node: Sequence[str],
     sizes: FloatArray,
@@ -50,7 +55,7 @@ def duplicates(
     common : frozenset of str
         Words that identify nothing: the names of the categories.
     """
-    rounded = np.nan_to_num(np.round(np.log(sizes) / SIZE_RELATIVE_TOLERANCE), nan=MISSING).astype(np.int64)
+    rounded = size_codes(sizes)
     rank = [(not shipped[i], -KIND_WEIGHT.get(kind[i], 0.0), i) for i in range(len(node))]
     repeats = np.full(len(node), -1, dtype=np.intp)
     first: dict[tuple[object, ...], int] = {}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pickle
 import re
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from metric_base.arrays import FloatArray
 from metric_tree.axes import AXES, EXTENTS, axis_assignments
-from metric_tree.checks.duplicates import duplicates
+from metric_tree.checks.duplicates import duplicates, size_codes
 from metric_tree.checks.unit_errors import Reference, class_reference, unit_error_factors
 from metric_tree.fit.class_prior import class_prior
 from metric_tree.fit.contexts import ContextMean, context_means
@@ -45,6 +45,8 @@ from metric_tree.release.schema import ITEMS
 MAX_FIT_ROWS = 200
 #: Maximum number of words of the title of a product; longer ones describe it for sale.
 MAX_TITLE_WORDS = 8
+#: Maximum number of rows of several nodes, and approximate number of rows in which duplicates are searched, at once.
+MAX_GROUP_ROWS = 20_000
 #: Flag of rows whose size may be the size of the package.
 PACKAGE = "suspect_package"
 
@@ -104,25 +106,62 @@ def clean_shard(
     """
     table = shard_rows(folder, shard)
     table = table.take(pc.sort_indices(table, [("node_id", "ascending"), ("item_id", "ascending")]))
-    axes = [table[f"{axis}_mm"].to_numpy(zero_copy_only=False) for axis in AXES]
-    sizes = np.column_stack([np.column_stack(axes).astype(float), extents_of(table)])  # (n, 6) mm
-    if carried is None:
-        reasons = _refusal_reasons(table, sizes, frozenset(terms), siblings)
-    else:
-        reasons = ["" if item_id in carried else "not_carried" for item_id in table["item_id"].to_pylist()]
-    good = np.array([not reason for reason in reasons], dtype=bool)
+    groups = _groups_of_nodes(table)
+    names = table["node_id"].unique().to_pylist()
+    common = frozenset(word for name in names for word in name.partition(".")[0].replace("mt:", "").split("_"))
+    lines: list[str] = []
+    counts: Counter[str] = Counter()
+    classes: list[tuple[NodeClass, ClassRows]] = []
+    items = [ITEMS.empty_table()]
+    for first, last in groups:
+        rows = table.slice(first, last - first)
+        axes = [rows[f"{axis}_mm"].to_numpy(zero_copy_only=False) for axis in AXES]
+        sizes = np.column_stack([np.column_stack(axes).astype(float), extents_of(rows)])  # (n, 6) mm
+        if carried is None:
+            reasons = _refusal_reasons(rows, sizes, frozenset(terms), siblings, common)
+        else:
+            reasons = ["" if item_id in carried else "not_carried" for item_id in rows["item_id"].to_pylist()]
+        good = np.array([not reason for reason in reasons], dtype=bool)
+        refused_reasons = [reason for reason in reasons if reason]
+        lines += _refused_lines(rows.filter(pa.array(~good)), refused_reasons)
+        counts.update(reason.partition(":")[0] for reason in refused_reasons)
+        rows, sizes = rows.filter(pa.array(good)), sizes[good]
+        classes += [_node_class(rows.take(pa.array(one)), sizes[one]) for one in _rows_by_node(rows)]
+        items.append(_shipped_items(rows, terms))
+    del table
+    sink = pa.BufferOutputStream()
+    with pa.ipc.new_file(sink, ITEMS) as writer:
+        writer.write_table(pa.concat_tables(items).combine_chunks())
+    fit_rows = pickle.dumps([rows for _, rows in classes])
+    node_classes = tuple(node_class for node_class, _ in classes)
+    return CleanShard(bytes(sink.getvalue()), node_classes, fit_rows, "".join(lines).encode(), counts)
 
+
+def _groups_of_nodes(table: pa.Table) -> list[tuple[int, int]]:
+    """Return first row and end of groups of whole nodes of a sorted table, so that memory follows the largest node."""
+    groups: list[tuple[int, int]] = []
+    for rows in _rows_by_node(table):
+        first, last = int(rows[0]), int(rows[-1]) + 1
+        if groups and last - groups[-1][0] <= MAX_GROUP_ROWS:
+            groups[-1] = groups[-1][0], last
+        else:
+            groups.append((first, last))
+    return groups
+
+
+def _refused_lines(table: pa.Table, reasons: Sequence[str]) -> list[str]:
+    """Return the lines of the quarantine file for refused rows."""
     lines = []
-    refused_reasons = [reason for reason in reasons if reason]
-    for row, reason in zip(table.filter(pa.array(~good)).to_pylist(), refused_reasons, strict=True):
+    for row, reason in zip(table.to_pylist(), reasons, strict=True):
         code, _, detail = reason.partition(": ")
         extents = " x ".join(f"{side:g}" for side in row["extents_mm"])
         text = f"{row['node_id']}: {extents} mm" + (f" ({detail})" if detail else "")
         lines.append(refusal(code, row["source"], row["source_id"], row["title"], (), text))
-    counts = Counter(reason.partition(":")[0] for reason in refused_reasons)
+    return lines
 
-    table, sizes = table.filter(pa.array(good)), sizes[good]
-    classes = [_node_class(table.take(pa.array(rows)), sizes[rows]) for rows in _rows_by_node(table)]
+
+def _shipped_items(table: pa.Table, terms: Mapping[str, tuple[str, str]]) -> pa.Table:
+    """Return the rows that may be redistributed as `ITEMS`, with the terms of their sources and short titles."""
     ship = np.isin(_strings(table, "source"), sorted(terms)) & (_strings(table, "kind") != "statistic")
     items = table.filter(pa.array(ship))
     for place, column in enumerate(("licence", "attribution")):
@@ -132,12 +171,7 @@ def clean_shard(
     rows = zip(items["title"].to_pylist(), items["kind"].to_pylist(), strict=True)
     titles = pa.array([short_title(title) if kind == "product" else title for title, kind in rows], pa.string())
     items = items.set_column(items.schema.get_field_index("title"), "title", titles)
-    sink = pa.BufferOutputStream()
-    with pa.ipc.new_file(sink, ITEMS) as writer:
-        writer.write_table(items.select(ITEMS.names).cast(ITEMS))
-    fit_rows = pickle.dumps([rows for _, rows in classes])
-    node_classes = tuple(node_class for node_class, _ in classes)
-    return CleanShard(bytes(sink.getvalue()), node_classes, fit_rows, "".join(lines).encode(), counts)
+    return items.select(ITEMS.names).cast(ITEMS)
 
 
 def short_title(title: str) -> str:
@@ -167,9 +201,15 @@ def class_priors(
 
 
 def _refusal_reasons(
-    table: pa.Table, sizes: FloatArray, shipped: frozenset[str], siblings: Mapping[str, Reference]
+    table: pa.Table,
+    sizes: FloatArray,
+    shipped: frozenset[str],
+    siblings: Mapping[str, Reference],
+    common: frozenset[str],
 ) -> list[str]:
     """Return the rejection reason of each row, empty if it is accepted. Unit errors are found before duplicates.
+
+    Duplicates have equal extents, so that they are searched in partitions of the rows by extents.
 
     Parameters
     ----------
@@ -181,27 +221,33 @@ def _refusal_reasons(
         Sources whose rows may be redistributed.
     siblings : mapping
         Reference sizes of nodes with few rows, from their siblings.
+    common : frozenset of str
+        Words of the names of categories.
     """
     reasons = [""] * table.num_rows
     extents = sizes[:, 3:]
-    ids, kinds, node = (table[name].to_pylist() for name in ("item_id", "kind", "node_id"))
+    is_real, node = ~np.isin(_strings(table, "kind"), sorted(STATEMENTS)), table["node_id"]
     for rows in _rows_by_node(table):
-        real = rows[[kinds[row] not in STATEMENTS for row in rows]]
-        reference = class_reference(extents[real]) or siblings.get(node[rows[0]])
+        real = rows[is_real[rows]]
+        reference = class_reference(extents[real]) or siblings.get(node[int(rows[0])].as_py())
         if reference is None or not len(real):
             continue
-        for row, factor in zip(real, unit_error_factors(extents[real], reference), strict=True):
-            if factor != 1.0:
-                reasons[row] = f"unit_slip: {factor:g}" if np.isfinite(factor) else "far_outlier"
+        for some in np.array_split(real, 1 + len(real) // MAX_GROUP_ROWS):
+            for row, factor in zip(some, unit_error_factors(extents[some], reference), strict=True):
+                if factor != 1.0:
+                    reasons[row] = f"unit_slip: {factor:g}" if np.isfinite(factor) else "far_outlier"
     remaining = np.array([row for row, reason in enumerate(reasons) if not reason], dtype=np.intp)
-    chosen = table.select(["source", "kind", "title"]).take(pa.array(remaining))
-    source, kind, title = (chosen[name].to_pylist() for name in ("source", "kind", "title"))
-    common = frozenset(word for name in set(node) for word in name.partition(".")[0].replace("mt:", "").split("_"))
-    is_shipped = [name in shipped for name in source]
-    repeats = duplicates([node[row] for row in remaining], sizes[remaining], source, kind, title, is_shipped, common)
-    for row, original in zip(remaining, repeats, strict=True):
-        if original >= 0:
-            reasons[row] = f"duplicate: {ids[remaining[original]]}"
+    codes = size_codes(extents[remaining])
+    n_partitions = 1 + len(remaining) // MAX_GROUP_ROWS
+    partition = (codes @ np.array([1, 31, 961])) % n_partitions
+    for number in range(n_partitions):
+        rows = remaining[partition == number]
+        chosen = table.select(["item_id", "node_id", "source", "kind", "title"]).take(pa.array(rows))
+        ids, nodes, source, kind, title = (column.to_pylist() for column in chosen.columns)
+        repeats = duplicates(nodes, sizes[rows], source, kind, title, [name in shipped for name in source], common)
+        for row, original in zip(rows, repeats, strict=True):
+            if original >= 0:
+                reasons[row] = f"duplicate: {ids[original]}"
     return reasons
 
 
@@ -269,12 +315,14 @@ def _scene_share(scene: NDArray[np.str_]) -> FloatArray:
 
 def _rows_by_node(table: pa.Table) -> list[NDArray[np.intp]]:
     """Return the row indices (k,) of each node of a table that is sorted by node."""
-    node = _strings(table, "node_id")
-    _, starts = np.unique(node, return_index=True)
-    return [rows for rows in np.split(np.arange(len(node)), starts[1:]) if len(rows)]
+    codes = pc.dictionary_encode(table["node_id"].combine_chunks()).indices.to_numpy()
+    starts = np.flatnonzero(np.diff(codes, prepend=-1))
+    return np.split(np.arange(len(codes)), starts[1:]) if len(codes) else []
 
 
 def _strings(table: pa.Table, column: str) -> NDArray[np.str_]:
     """Return a column as text, (n,)."""
-    strings: NDArray[np.str_] = table[column].to_numpy(zero_copy_only=False).astype(str)
+    encoded = pc.dictionary_encode(table[column].combine_chunks())
+    names = np.array(encoded.dictionary.to_pylist() or [""], dtype=str)
+    strings: NDArray[np.str_] = names[encoded.indices.to_numpy()]
     return strings

@@ -17,7 +17,7 @@ import pytest
 
 from tests.support.processes import started
 
-__all__ = ["faulty_proxy", "free_port", "s3_server"]
+__all__ = ["faulty_proxy", "free_port", "s3_server", "wait_for_port"]
 
 #: Maximum duration of the start of the server in seconds.
 START_S = 120.0

@@ -24,7 +24,7 @@ _WORDS = re.compile(r"[^\W_]+")
 
 
 def size_codes(sizes: FloatArray) -> NDArray[np.int64]:
-    """Return integers that are equal for sizes that are the same number; of the shape of the sizes in mm."""
+    """Return integers (n, k) that are equal for sizes (n, k) in mm that are the same number."""
     return np.nan_to_num(np.round(np.log(sizes) / SIZE_RELATIVE_TOLERANCE), nan=MISSING).astype(np.int64)
 
 

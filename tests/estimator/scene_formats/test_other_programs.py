@@ -241,3 +241,50 @@ def test_coordinates_of_colmap_are_below_1e12(of: str, value: float, is_valid: b
     (tmp_path / "points3D.txt").write_text(f"1 {near} 9 9 9 0\n2 {far if of == 'point' else near} 9 9 9 0\n")
     with nullcontext() if is_valid else pytest.raises(InputError, match=rf"{of}.*finite (numbers|coordinates) below"):
         read_scene(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("program", "before", "after", "message"),
+    [
+        ("bundler", "# Bundle file v0.3", "# Bundle file v0.2", "header: expected # Bundle file v0.3"),
+        ("meshroom", '"intrinsics": [', '"intrinsics": [], "others": [', "intrinsicId: expected an intrinsic"),
+        ("metashape", "<document", "<!DOCTYPE a><document", "XML: expected a document without entities"),
+        ("metashape", "<document", "<!ENTITY a><document", "XML: expected a document without entities"),
+        ("metashape", "<chunk", "<other><chunk", "XML: expected a valid document"),
+    ],
+)
+def test_a_document_without_what_it_needs_is_one_line(
+    program: str, before: str, after: str, message: str, tmp_path: Path
+) -> None:
+    small_model("SIMPLE_RADIAL", PARAMS["SIMPLE_RADIAL"]).write_binary(str(tmp_path))
+    file = write_export(read_scene(tmp_path), program, tmp_path / program)
+    text = file.read_text(encoding="utf-8")
+    assert before in text
+    file.write_text(text.replace(before, after), encoding="utf-8")
+    with pytest.raises(InputError, match=message):
+        read_scene(file)
+
+
+def test_names_of_bundler_are_in_a_list(colmap: Scene, tmp_path: Path) -> None:
+    if colmap.views[0].camera.model == "OPENCV":
+        pytest.skip("written from the simple camera")
+    file = write_export(colmap, "bundler", tmp_path)
+    (names,) = tmp_path.glob("*list.txt")
+    content = names.read_bytes()
+    for name in ("list.txt", f"{file.stem}.list.txt", f"{file.name}.list.txt"):
+        for other in tmp_path.glob("*list.txt"):
+            other.unlink()
+        with pytest.raises(InputError, match=r"images: expected their names in .*list\.txt"):
+            read_scene(file)
+        (tmp_path / name).write_bytes(content)
+        assert_same_scene(colmap, read_scene(file), "bundler")
+    (tmp_path / name).write_bytes(content + b"one_more.png\n")
+    with pytest.raises(InputError, match=f"number of cameras: expected {len(colmap.views) + 1}, as many as the list"):
+        read_scene(file)
+
+
+@pytest.mark.parametrize(("determinant", "is_valid"), [(1.0, True), (-1.0, False)])
+def test_a_mirrored_camera_is_refused(determinant: float, is_valid: bool) -> None:
+    camera = pinhole_camera((640, 480), (500.0, 500.0), (320.0, 240.0), {})
+    with nullcontext() if is_valid else pytest.raises(FieldError, match="rotation"):
+        posed_view("a", camera, np.diag([1.0, 1.0, determinant]), np.zeros(3))

@@ -272,3 +272,139 @@ def test_corners_are_at_most_a_billion_pixels_away(x: float, is_valid: bool, sce
     (tmp_path / "a.json").write_text(json.dumps(document | {"imageHeight": view.camera.height}))
     with nullcontext() if is_valid else pytest.raises(InputError, match="points"):
         assert len(read_instance_files(scene, tmp_path)[0]) == 1
+
+
+def _labelme(scene: Scene, folder: Path, *shapes: dict[str, Any], **others: Any) -> tuple[tuple[Instance, ...], Any]:
+    view = scene.views[0]
+    document = {"shapes": [{"label": "a"} | shape for shape in shapes], "imagePath": view.name}
+    document |= {"imageWidth": view.camera.width, "imageHeight": view.camera.height} | others
+    (folder / f"{Path(view.name).stem}.json").write_text(json.dumps(document))
+    return read_instance_files(scene, folder)
+
+
+CORNERS: list[list[float]] = [[10, 10], [30, 10], [30, 40]]
+
+
+@pytest.mark.parametrize(
+    ("kind", "points", "area"),
+    [
+        ("polygon", CORNERS, 300),
+        ("rectangle", [[30, 40], [10, 10]], 600),
+        ("circle", [[30, 30], [30, 40]], np.pi * 100),
+        ("polygon", CORNERS[:2], None),
+        ("rectangle", CORNERS, None),
+        ("circle", CORNERS, None),
+        ("mask", CORNERS, None),
+        ("star", CORNERS, None),
+    ],
+)
+def test_a_shape_of_labelme_has_its_number_of_points(
+    kind: str, points: list[list[float]], area: float | None, scene: Scene, tmp_path: Path
+) -> None:
+    with nullcontext() if area is not None else pytest.raises(InputError, match="shape_type: expected a polygon"):
+        (instance,), _ = _labelme(scene, tmp_path, {"shape_type": kind, "points": points})
+        assert instance.mask.sum() == pytest.approx(area, rel=0.1)
+        assert instance.from_box == (kind == "rectangle")
+
+
+@pytest.mark.parametrize("kind", ["point", "points", "line", "linestrip"])
+def test_a_shape_without_an_area_is_omitted(kind: str, scene: Scene, tmp_path: Path) -> None:
+    polygon = {"shape_type": "polygon", "points": CORNERS}
+    assert len(_labelme(scene, tmp_path, polygon, {"shape_type": kind, "points": CORNERS})[0]) == 1
+
+
+def test_a_box_and_an_outline_of_one_group_are_no_box(scene: Scene, tmp_path: Path) -> None:
+    box = {"shape_type": "rectangle", "points": CORNERS[::2], "group_id": 1}
+    outline = {"shape_type": "polygon", "points": CORNERS, "group_id": 1}
+    for first, second, is_box in ((box, box, True), (box, outline, False), (outline, box, False)):
+        (instance,), _ = _labelme(scene, tmp_path, first, second)
+        assert instance.from_box == is_box
+
+
+def test_the_size_of_an_image_is_stated_whole_or_that_of_its_camera(scene: Scene, tmp_path: Path) -> None:
+    shape = {"shape_type": "polygon", "points": CORNERS}
+    assert len(_labelme(scene, tmp_path, shape, imageWidth=None, imageHeight=None)[0]) == 1
+    with pytest.raises(InputError, match="imageWidth and imageHeight"):
+        _labelme(scene, tmp_path, shape, imageWidth=None)
+
+
+def test_an_image_of_another_name_has_the_masks_of_its_file(scene: Scene, tmp_path: Path) -> None:
+    shape = {"shape_type": "polygon", "points": CORNERS}
+    assert len(_labelme(scene, tmp_path, shape, imagePath="other.png")[0]) == 1
+    (tmp_path / "other.json").write_bytes((tmp_path / f"{Path(scene.views[0].name).stem}.json").read_bytes())
+    instances, warnings = read_instance_files(scene, tmp_path)
+    assert len(instances) == 1
+    assert any("match no view" in warning for warning in warnings)
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("0 .5 .5 .2 .2", None),
+        ("0 .5 .5 .2 .2 1", None),
+        ("0 .5 .5 .2 .2 1.01", "score: expected a number from 0 to 1"),
+        ("0 .5 .5 .2 .2 -.01", "score: expected a number from 0 to 1"),
+        ("0 .1 .1 .5 .1 .5 .5", None),
+        ("0 .1 .1 .5 .1 .5 .5 .9", None),
+        ("0 .5 .5 .2", "class x y w h"),
+        ("0 .5 .5 .2 1.01e9", "class x y w h"),
+        ("1 .5 .5 .2 .2", "class: expected 0 to 0"),
+        ("0 .5 .5 .2 x", "expected numbers"),
+    ],
+)
+def test_a_line_of_yolo_is_a_box_or_an_outline_with_or_without_a_score(
+    line: str, message: str | None, scene: Scene, tmp_path: Path
+) -> None:
+    (tmp_path / "classes.txt").write_text("chair\n")
+    (tmp_path / f"{Path(scene.views[0].name).stem}.txt").write_text(f"{line}\n\n")
+    (tmp_path / "other.txt").write_text("9 of another image\n")
+    with nullcontext() if message is None else pytest.raises(InputError, match=message):
+        (instance,), _ = read_instance_files(scene, tmp_path)
+        assert instance.from_box == (len(line.split()) < 7)
+        assert instance.score == (0.9 if line.endswith(".9") else 1.0)
+
+
+@pytest.mark.parametrize(
+    ("labels", "categories"),
+    [
+        (["chair", "table"], ["chair", "table"]),
+        ({"0": "chair", "1": "table"}, ["chair", "table"]),
+        ({"1": "table"}, ["table"]),
+        (["chair", " "], ["chair"]),
+        (["chair"], "labels: expected 2, as many as masks, found 1"),
+        ("chair", "labels: expected 2, as many as masks"),
+        (None, []),
+    ],
+)
+def test_labels_of_masks_are_a_list_or_numbered(
+    labels: object, categories: list[str] | str, scene: Scene, tmp_path: Path
+) -> None:
+    view = scene.views[0]
+    shape = (2, view.camera.height, view.camera.width)
+    np.save(tmp_path / f"{Path(view.name).stem}.npy", np.ones(shape, dtype=bool))
+    np.save(tmp_path / "other.npy", np.ones(shape, dtype=bool))
+    (tmp_path / "labels.json").write_text(json.dumps({} if labels is None else {view.name: labels}))
+    if isinstance(categories, str):
+        with pytest.raises(InputError, match=categories):
+            read_instance_files(scene, tmp_path)
+    else:
+        instances, warnings = read_instance_files(scene, tmp_path)
+        assert [instance.category for instance in instances] == categories
+        without = f"{2 - len(categories)} masks without a label"
+        assert any(without in warning for warning in warnings) == (len(categories) < 2)
+
+
+@pytest.mark.parametrize(
+    ("arrays", "message"),
+    [
+        ({"scores": [0.5]}, "scores: expected 2, as many as masks, found 1"),
+        ({"masks": np.ones((2, 2, 9, 9))}, r"masks: expected \(n, h, w\)"),
+        ({"masks": np.array([[["a"]]])}, r"masks: expected \(n, h, w\)"),
+    ],
+)
+def test_arrays_of_masks_have_their_shapes(arrays: dict[str, Any], message: str, scene: Scene, tmp_path: Path) -> None:
+    view = scene.views[0]
+    masks = {"masks": np.ones((2, view.camera.height, view.camera.width), dtype=bool), "labels": ["a", "b"]}
+    np.savez(tmp_path / f"{Path(view.name).stem}.npz", **(masks | arrays))
+    with pytest.raises(InputError, match=message):
+        read_instance_files(scene, tmp_path)

@@ -8,6 +8,7 @@ import math
 import re
 import threading
 from collections.abc import Iterator
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
@@ -17,8 +18,9 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from onnx import TensorProto, helper
+from onnx import TensorProto, helper, numpy_helper
 
+from estimator.detectors import detector
 from estimator.detectors.detect import detect_instances
 from estimator.detectors.detector import Detector, load_detector
 from estimator.detectors.registry import RegisteredDetector, download, registry, registry_entry
@@ -321,3 +323,58 @@ def test_a_pixel_of_a_mask_has_a_value_of_one_half(tmp_path: Path, value: float,
     graph = box_mask_graph(tmp_path / "zoo.onnx", tuple(box), np.full((28, 28), value))
     (seen,) = Detector(graph, ("", "person"), "caffe")(np.zeros((400, 600, 3), dtype=np.uint8)).masks
     assert bool(seen[160, 200]) == is_inside
+
+
+def _first_of(shape: list[int | str], path: Path, n_inputs: int = 1) -> Path:
+    """A graph of torchvision's signature whose first input has a shape; others have one number."""
+    constants = {
+        "boxes": np.ones((1, 4), dtype=np.float32), "labels": np.ones(1, dtype=np.int64),
+        "scores": np.ones(1, dtype=np.float32), "masks": np.ones((1, 1, 4, 4), dtype=np.float32),
+    }  # fmt: skip
+    outputs = [
+        helper.make_tensor_value_info(name, helper.np_dtype_to_tensor_dtype(value.dtype), list(value.shape))
+        for name, value in constants.items()
+    ]
+    nodes = [
+        helper.make_node("Constant", [], [name], value=numpy_helper.from_array(value))
+        for name, value in constants.items()
+    ]
+    sizes = [shape, *[[1]] * (n_inputs - 1)]
+    inputs = [helper.make_tensor_value_info(f"i{k}", TensorProto.FLOAT, size) for k, size in enumerate(sizes)]
+    graph = helper.make_graph(nodes, "detector", inputs, outputs)
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
+    path.write_bytes(model.SerializeToString())
+    return path
+
+
+@pytest.mark.parametrize(
+    ("shape", "n_inputs", "message"),
+    [
+        ([3, 10_000, "w"], 1, None),
+        ([3, 10_001, "w"], 1, "input: expected sides of 1 to 10,000 pixels"),
+        ([3, 0, "w"], 1, "input: expected sides of 1 to 10,000 pixels"),
+        ([1, 3, "h", "w"], 1, None),
+        (["h", "w"], 1, "input: expected one image"),
+        ([1, 1, 3, "h", "w"], 1, "input: expected one image"),
+        ([3, "h", "w"], 2, "input: expected one image"),
+    ],
+)
+def test_the_input_of_a_graph_is_one_image(
+    shape: list[int | str], n_inputs: int, message: str | None, tmp_path: Path
+) -> None:
+    path = _first_of(shape, tmp_path / "a.onnx", n_inputs)
+    with nullcontext() if message is None else pytest.raises(InputError, match=message):
+        Detector(path, LABELS)
+
+
+@pytest.mark.parametrize("name", ["boxes", "labels", "scores", "masks"])
+def test_outputs_of_different_lengths_are_one_line(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    found = {
+        "boxes": np.ones((2, 4)), "labels": np.ones(2, dtype=int), "scores": np.ones(2), "masks": np.ones((2, 1, 4, 4)),
+    }  # fmt: skip
+    seen = load_detector(constant_graph(tmp_path / "a.onnx", 2))
+    monkeypatch.setattr(detector, "_run_graph", lambda *_: list(found.values()))
+    assert len(seen(np.zeros((48, 64, 3), dtype=np.uint8)).masks) == 2
+    found[name] = found[name][:, :3] if name == "boxes" else found[name][:1]
+    with pytest.raises(InputError, match=r"outputs: expected boxes \(n, 4\)"):
+        seen(np.zeros((48, 64, 3), dtype=np.uint8))

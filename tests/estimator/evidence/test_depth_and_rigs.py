@@ -7,6 +7,7 @@ import json
 import math
 import struct
 import zlib
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -290,3 +291,12 @@ def test_maps_of_a_scene_without_sparse_points(walk: Walk, nothing: Measurements
         np.save(tmp_path / f"{Path(name).stem}.npy", metres)
     scene = replace(walk.scene, points=np.empty((0, 3)), dense=DenseCloud(walk.scene.points))
     assert one(MetricDepth(tmp_path).observe(scene, nothing)).scale == pytest.approx(walk.scale, rel=0.02)
+
+
+@pytest.mark.parametrize(("translation", "is_valid"), [([0.1, 0, 0], True), ([0, 0, 0], False), ([1.5e308] * 3, False)])
+def test_a_baseline_of_a_rig_is_a_length_above_zero(translation: list[float], is_valid: bool, tmp_path: Path) -> None:
+    moved = {"image_prefix": "b/", "cam_from_rig_translation": translation}
+    rigs = [{"cameras": [{"image_prefix": "a/", "ref_sensor": True}, moved]}]
+    (tmp_path / "rig_config.json").write_text(json.dumps(rigs), encoding="utf-8")
+    with nullcontext() if is_valid else pytest.raises(InputError, match="a translation that is not 0"):
+        assert rig_baselines(tmp_path / "rig_config.json")[0].metres == 0.1

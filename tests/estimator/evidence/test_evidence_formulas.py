@@ -18,6 +18,7 @@ from estimator.evidence.depth_maps import frame_sd, view_log_ratio
 from estimator.evidence.markers import triangulate
 from estimator.evidence.source import CameraPath
 from estimator.records.scene import Camera, View
+from metric_base.arrays import FloatArray
 from tests.synthetic.telemetry import walk_readings
 
 # Published values, written out so that a changed rule fails a test.
@@ -272,3 +273,39 @@ def test_inliers_of_exact_pairs_are_within_a_millionth_of_the_extent() -> None:
     fit = align(source, target)
     assert fit is not None
     assert fit.inliers[2:4].tolist() == [True, False]
+
+
+def _reason(cameras: FloatArray, metres: FloatArray) -> str | None:
+    (row,) = gps.position_evidence("gps", "walk", cameras, metres, None, None)
+    return row.reason
+
+
+def test_positions_at_one_place_or_that_contradict_the_cameras_give_no_scale() -> None:
+    generator = np.random.default_rng(0)
+    cameras = generator.normal(0, 10, (40, 3))
+    assert _reason(cameras, 2 * cameras) is None
+    assert _reason(cameras, np.zeros((40, 3))) == "the positions or the cameras are at one place"
+    assert _reason(np.zeros((40, 3)), cameras) == "the positions or the cameras are at one place"
+
+
+@pytest.mark.parametrize(("n_wrong", "is_used"), [(19, True), (21, False)])
+def test_most_positions_agree_with_the_cameras(n_wrong: int, is_used: bool) -> None:
+    """Of 40 exact positions; the others are far away, each elsewhere."""
+    cameras = np.random.default_rng(0).normal(0, 10, (40, 3))
+    metres = 2 * cameras
+    metres[:n_wrong] += np.random.default_rng(1).normal(0, 300, (n_wrong, 3))
+    assert (_reason(cameras, metres) is None) == is_used
+
+
+def test_an_alignment_needs_three_pairs_that_are_not_mirrored_to_a_point() -> None:
+    source = np.random.default_rng(0).normal(0, 1, (9, 3))
+    assert least_squares(source, source, np.arange(9) < 3) is not None
+    assert least_squares(source, source, np.arange(9) < 2) is None
+    assert least_squares(source, np.zeros((9, 3)), np.ones(9, bool)) is None
+
+
+def test_the_speed_of_a_path_shorter_than_a_second_is_unknown() -> None:
+    times = np.arange(11) / 10
+    assert gps.path_speed(times, np.column_stack([3 * times, 0 * times, 0 * times])) == pytest.approx(3.0)
+    assert gps.path_speed(times[:10], np.ones((10, 3))) == 0.0
+    assert gps.path_speed(times[:0], np.ones((0, 3))) == 0.0

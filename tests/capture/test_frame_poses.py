@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -113,3 +115,21 @@ def test_a_reconstructed_frame_with_pixels_outside_the_lens_model_is_written(tmp
     write_frame_poses(FramePoses(tmp_path / "a.mp4", camera, 0, poses), tmp_path / FILE_NAME)
     behind = replace(scene, points=points * [1, 1, -1])
     assert next(localised_frames([frame], behind, {0: view.name}, 640)).check_px is None
+
+
+@pytest.mark.parametrize(
+    ("origin", "rotation", "translation", "message"),
+    [
+        ("none", None, None, None),
+        ("model", np.eye(3), np.zeros(3), None),
+        ("none", np.eye(3), np.zeros(3), "do not fit the origin"),
+        ("model", None, None, "do not fit the origin"),
+        ("model", np.eye(3), None, "do not fit the origin"),
+        ("model", np.eye(4), np.zeros(3), r"expected \(3, 3\) and \(3,\)"),
+        ("model", np.eye(3), np.zeros(4), r"expected \(3, 3\) and \(3,\)"),
+    ],
+)
+def test_a_pose_fits_its_origin(origin: Any, rotation: Any, translation: Any, message: str | None) -> None:
+    with nullcontext() if message is None else pytest.raises(ValueError, match=message):
+        pose = FramePose(1, 0.1, "a.jpg", origin, rotation, translation)
+        assert (pose.centre is None) == (origin == "none")

@@ -9,6 +9,7 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import IO, Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -19,7 +20,7 @@ from estimator.scene_formats.depth_files import read_exr
 from estimator.scene_formats.metashape import read_metashape
 from estimator.telemetry.readers import read_telemetry
 from insertion.scene.scale import read_scale
-from metric_base import input_files
+from metric_base import images, input_files
 from metric_base.errors import InputError
 from metric_base.records import toml_table
 from models3d.formats import read_asset, read_boxes
@@ -47,6 +48,7 @@ def only_the_start(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(input_files.os, "fdopen", opened)
     monkeypatch.setattr(Path, "read_bytes", lambda path: path.open("rb").read(4096))
+    monkeypatch.setattr(images.np, "fromfile", lambda path, dtype: np.frombuffer(path.read_bytes(), dtype))
 
 
 READERS: dict[str, tuple[str, Reader, int]] = {
@@ -100,3 +102,14 @@ def test_a_page_has_at_most_32_megabytes(size: int, is_read: bool, tmp_path: Pat
         file.truncate(size)
     with nullcontext() if is_read else pytest.raises(InputError, match="at most 32000000 bytes"):
         assert "A chair" in str(saved_page(path, "https://example.org/").text)
+
+
+@pytest.mark.usefixtures("only_the_start")
+@pytest.mark.parametrize(("size", "is_read"), [(1 << 30, True), ((1 << 30) + 1, False)])
+def test_an_image_has_at_most_a_gibibyte(size: int, is_read: bool, tmp_path: Path) -> None:
+    path = tmp_path / "a.png"
+    cv2.imwrite(str(path), np.full((4, 6), 90, dtype=np.uint8))
+    with path.open("ab") as file:
+        file.truncate(size)
+    with nullcontext() if is_read else pytest.raises(InputError, match="an image that OpenCV reads"):
+        assert images.checked_picture(path, cv2.IMREAD_GRAYSCALE).shape == (4, 6)

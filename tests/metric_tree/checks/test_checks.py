@@ -320,6 +320,13 @@ def _eigenvalue(column: str, value: float) -> Error:
         ("E402", _weights(-0.9e-6), _weights(-1.1e-6)),
         ("E404", _eigenvalue("covariances", 1.2e-12), _eigenvalue("covariances", 0.8e-12)),
         ("E404", _eigenvalue("shared_covariance", -0.8e-12), _eigenvalue("shared_covariance", -1.2e-12)),
+        ("E405", _set(PRIOR, 0, family="lognormal-mixture"), _set(PRIOR, 0, family="normal")),
+        (
+            "E405",
+            _set(PRIOR, 0, dims=["length", "width", "height"]),
+            _set(PRIOR, 0, dims=["length", "depth", "height"]),
+        ),
+        ("E405", _set(PRIOR, 0, dims=["length", "width", "height"]), _set(PRIOR, 0, dims=[])),
         ("E405", _set(PRIOR, 0, borrowed=1.0), _set(PRIOR, 0, borrowed=1.01)),
         ("E405", _set(PRIOR, 0, borrowed=0.0), _set(PRIOR, 0, borrowed=-0.01)),
     ],
@@ -345,3 +352,32 @@ def test_a_prior_is_missing_for_a_node_with_items_and_without_a_prior(tmp_path: 
     _node(content, node_id)["n_items"] = 0
     found = findings(minitree.release(tmp_path / "empty", content).directory)
     assert node_id not in {finding.subject for finding in found if finding.code == "W406"}
+
+
+def _named(node_id: str, synset: str | None) -> Error:
+    """Give the node of the bar stools another id and synset."""
+
+    def change(content: Rows) -> None:
+        _node(content, "mt:bar_stool").update(node_id=node_id, synset=synset)
+        for row in content[ITEM] + content[PRIOR]:
+            row["node_id"] = node_id if row["node_id"] == "mt:bar_stool" else row["node_id"]
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("node_id", "synset", "is_found"),
+    [
+        ("mt:bar_stool", None, False),
+        ("stool.n.01/other", None, False),
+        ("bar_stool", None, True),
+        ("bar_stool", "bar_stool.n.01", False),
+    ],
+)
+def test_a_node_has_a_synset_or_the_id_of_an_insertion(
+    tmp_path: Path, node_id: str, synset: str | None, is_found: bool
+) -> None:
+    content = minitree.rows()
+    _named(node_id, synset)(content)
+    found = findings(minitree.release(tmp_path / "r", content).directory)
+    assert (node_id in {finding.subject for finding in found if finding.code == "W213"}) == is_found

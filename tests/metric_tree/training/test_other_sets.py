@@ -138,3 +138,39 @@ def test_masks_of_open_images_without_a_name_or_a_file_are_skipped(tmp_path: Pat
     table.write_text(table.read_text() + "gone.png,00a1b2c3d4e5f607,/m/01mzpv,dd,0.05,0.3,0.1,0.5,0.9,\n")
     (image,) = open_images_images(tmp_path)
     assert [one.names for one in image.objects] == [("Chair",)]
+
+
+@pytest.mark.parametrize(
+    ("file", "content", "message"),
+    [
+        ("class-descriptions-boxable.csv", None, "class names: expected"),
+        ("class-descriptions-boxable.csv", "a,b", "class names: expected"),  # no id of Open Images
+        ("class-descriptions-boxable.csv", "/m/1,a,b", "class names: expected"),
+        ("train-annotations-object-segmentation.csv", None, "masks: expected"),
+        (
+            "train-annotations-object-segmentation.csv",
+            "MaskPath,ImageID",
+            "columns: expected MaskPath, ImageID, LabelName",
+        ),
+        ("masks/00a1b2c3d4e5f607_m01mzpv_aa.png", "no picture", "mask: expected a picture"),
+    ],
+)
+def test_what_open_images_lacks_is_one_line(tmp_path: Path, file: str, content: str | None, message: str) -> None:
+    open_images(tmp_path)
+    if content is None:
+        (tmp_path / file).unlink()
+    else:
+        (tmp_path / file).write_text(content)
+    with pytest.raises(InputError, match=message):
+        list(open_images_images(tmp_path))
+
+
+def test_an_object_of_open_images_needs_a_name_a_mask_and_a_pixel(tmp_path: Path) -> None:
+    open_images(tmp_path)
+    (image,) = open_images_images(tmp_path)
+    assert len(image.objects) == 2
+    masks = sorted((tmp_path / "masks").iterdir())
+    cv2.imwrite(str(masks[0]), np.zeros((50, 100), dtype=np.uint8))
+    assert len(next(open_images_images(tmp_path)).objects) == 1
+    masks[1].unlink()
+    assert len(next(open_images_images(tmp_path)).objects) == 0

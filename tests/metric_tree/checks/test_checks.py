@@ -326,7 +326,7 @@ def _eigenvalue(column: str, value: float) -> Error:
             _set(PRIOR, 0, dims=["length", "width", "height"]),
             _set(PRIOR, 0, dims=["length", "depth", "height"]),
         ),
-        ("E405", _set(PRIOR, 0, dims=["length", "width", "height"]), _set(PRIOR, 0, dims=[])),
+        ("E405", _set(PRIOR, 0, borrowed=0.5), _set(PRIOR, 0, dims=[])),
         ("E405", _set(PRIOR, 0, borrowed=1.0), _set(PRIOR, 0, borrowed=1.01)),
         ("E405", _set(PRIOR, 0, borrowed=0.0), _set(PRIOR, 0, borrowed=-0.01)),
     ],

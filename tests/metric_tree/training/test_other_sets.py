@@ -150,7 +150,7 @@ def test_masks_of_open_images_without_a_name_or_a_file_are_skipped(tmp_path: Pat
         (
             "train-annotations-object-segmentation.csv",
             "MaskPath,ImageID",
-            "columns: expected MaskPath, ImageID, LabelName",
+            "columns: expected MaskPath",
         ),
         ("masks/00a1b2c3d4e5f607_m01mzpv_aa.png", "no picture", "mask: expected a picture"),
     ],

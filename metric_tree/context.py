@@ -31,7 +31,7 @@ from metric_base.regions import REGIONS, country_of, region_of
 #: the boxes of a data set is as precise, but not of a population.
 POPULATIONS = frozenset({"car_fleet_context", "populations"})
 
-#: Year of the population that a query without a year means.
+#: Year that a query without a year means, if there are populations of its region (`metric_tree.populations`).
 PRESENT = 2025.0
 
 #: Standard deviation of ln size of the definition of a population: which vehicles are cars, with mirrors or without.
@@ -219,7 +219,7 @@ def context_effect(contexts: Sequence[Context], shared: FloatArray, where: Where
 def query_covariance(contexts: Sequence[Context], where: Where, model: ContextModel) -> tuple[FloatArray, FloatArray]:
     """Return the covariance (n,) of r + t with the context `where`, as a fraction of B, and of populations, 0 to 1.
 
-    Without a year r + t has no covariance over time, and the population is that of `PRESENT`.
+    Without a year the context is of any year: r + t has no covariance over time, a population an average one.
     """
     places = [(one.region or f"unknown {index}") for index, one in enumerate(contexts)]
     country, region = _same_country_or_region([where.region or "nowhere"], places)
@@ -227,8 +227,7 @@ def query_covariance(contexts: Sequence[Context], where: Where, model: ContextMo
     distance = np.array([np.inf if one is None else one for one in years])
     common = model.region * (country + model.kin * region)[0] + model.year * np.exp(-distance / model.years)
     population = _population_correlation([where.region or "world"], [one.region or "unknown" for one in contexts])[0]
-    present = where.year or PRESENT
-    distance = np.array([model.years / 2 if one.year is None else abs(one.year - present) for one in contexts])
+    distance = np.array([model.years / 2 if one is None else one for one in years])
     return np.asarray(common), np.asarray(population * np.exp(-distance / model.years))
 
 

@@ -250,7 +250,8 @@ class Node:
                 difference = leaf.weights @ leaf.means - prior.weights @ prior.means
                 corrections |= {one.key: difference for one in leaf.contexts}
         contexts = [replace(one, offset=one.offset + corrections.get(one.key, 0.0)) for one in prior.contexts]
-        known = replace(prior, contexts=(*contexts, *population_contexts(self.node_id, prior, where)))
+        where, local = population_contexts(self.node_id, prior, where)
+        known = replace(prior, contexts=(*contexts, *local))
         return known.in_context(where, self.tree.context_model)
 
     @property

@@ -56,7 +56,7 @@ class Population(msgspec.Struct, frozen=True, kw_only=True):
         stated = np.array([sizes[axes.index(dim)] or np.nan for dim in prior.dims])
         offset = np.log(stated / prior.quantile(0.5))
         region = where.region or "world" if self.region == "world" else self.region
-        year = where.year or PRESENT if self.year is None else self.year
+        year = where.year if self.year is None else self.year
         return Context("populations", region, year, offset, np.where(np.isnan(offset), np.nan, DEFINITION_SD**2))
 
 
@@ -80,11 +80,15 @@ def populations(path: Path | None = None) -> Mapping[str, tuple[Population, ...]
     return {node_id: tuple(rows) for node_id, rows in by_node.items()}
 
 
-def population_contexts(node_id: str, prior: Prior, where: Where) -> tuple[Context, ...]:
-    """Return the contexts for a query: of its country and region, or else of the world if the query has a year."""
+def population_contexts(node_id: str, prior: Prior, where: Where) -> tuple[Where, tuple[Context, ...]]:
+    """Return the contexts for a query: of its country and region, or else of the world if the query has a year.
+
+    The query is returned with the year `PRESENT` if there are contexts and it has no year.
+    """
     rows = populations().get(node_id, ())
     places = (where.region, region_of(where.region)) if where.region else ()
     chosen = [row for row in rows if row.region in places]
     if not chosen and where.year is not None:
         chosen = [row for row in rows if row.region == "world"]
-    return tuple(row.context(prior, where) for row in chosen)
+    dated = where._replace(year=where.year or PRESENT) if chosen else where
+    return dated, tuple(row.context(prior, dated) for row in chosen)

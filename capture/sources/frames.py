@@ -5,12 +5,10 @@ from __future__ import annotations
 import itertools
 import json
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from capture.sources.frame_selection import chosen_frames, edge_sharpness, motion_of
 from capture.sources.image_folder import PICTURE_SUFFIXES, ImageFolder, foreign_files, image_files
@@ -19,7 +17,7 @@ from metric_base.arrays import FloatArray, grouped
 from metric_base.errors import InputError, Unquoted
 from metric_base.images import write_picture
 from metric_base.input_files import read_json
-from metric_base.progress import ProgressCallback, silent
+from metric_base.progress import ProgressCallback, silent, with_progress
 
 FRAMES_FILE = "frames.json"
 SCHEMA = "metric-tree/frames/1"
@@ -134,13 +132,8 @@ def make_frames(part: Path, source: Source, wanted: int | None, progress: Progre
     """
     remarks, times_s = [], None
     if isinstance(source, Video):
-
-        def timed_frames() -> Iterator[tuple[float, NDArray[np.uint8]]]:
-            for frame in source.frames():
-                progress("reading the video", frame.index + 1, source.n_frames or None)
-                yield frame.time_s, frame.colour
-
-        motion = motion_of(timed_frames())
+        frames = with_progress(source.frames(), "reading the video", progress, source.n_frames or None)
+        motion = motion_of((frame.time_s, frame.colour) for frame in frames)
         n, times_s = len(motion.step), motion.times_s.tolist()
         if not n:
             raise InputError.at(source.path, "video", "at least one frame that can be decoded", Unquoted("none"))
@@ -156,11 +149,8 @@ def make_frames(part: Path, source: Source, wanted: int | None, progress: Progre
             names = ", ".join([*unread[:3], *(["..."] if len(unread) > 3 else [])])
             remarks.append(f"not used: {names}; convert to JPEG")
     (part / "frames").mkdir()
-    chosen = []
-    for frame in itertools.islice(source.frames(), int(indices[-1]) + 1):
-        progress("writing frames", frame.index + 1, n)
-        if frame.index in indices:
-            chosen.append(_write_frame(part / "frames", frame, source))
+    read = with_progress(itertools.islice(source.frames(), int(indices[-1]) + 1), "writing frames", progress, n)
+    chosen = [_write_frame(part / "frames", frame, source) for frame in read if frame.index in indices]
     document = Frames(
         source=str(source.path.resolve()),
         size=(source.width, source.height),

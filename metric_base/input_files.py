@@ -62,19 +62,25 @@ def read_bytes(path: Path, most: int = -1, limit: int = MAX_BYTES, *, may_be_emp
 @contextmanager
 def open_file(path: Path) -> Iterator[int]:
     """A descriptor of a file that is opened without waiting; the system's refusals are errors of the input."""
+    with _refusals(path, "file"):
+        try:
+            # a pipe without a writer would keep us waiting in `open` itself
+            descriptor = os.dup(0) if str(path) == STDIN else os.open(path, READ_FLAGS)
+        except ValueError:  # a zero byte in the name
+            raise InputError.at(path, "file", "a name of a file", str(path)) from None
+        try:
+            yield descriptor
+        finally:
+            os.close(descriptor)
+
+
+@contextmanager
+def _refusals(path: Path, kind: str) -> Iterator[None]:
+    """Convert an error of the system in the block to an error of the input; kind : `file` or `folder`."""
     try:
-        # a pipe without a writer would keep us waiting in `open` itself
-        descriptor = os.dup(0) if str(path) == STDIN else os.open(path, READ_FLAGS)
+        yield
     except OSError as error:
-        raise InputError.at(path, "file", "a readable file", Unquoted(error.strerror or "an error")) from None
-    except ValueError:  # a zero byte in the name
-        raise InputError.at(path, "file", "a name of a file", str(path)) from None
-    try:
-        yield descriptor
-    except OSError as error:
-        raise InputError.at(path, "file", "a readable file", Unquoted(error.strerror or "an error")) from None
-    finally:
-        os.close(descriptor)
+        raise InputError.at(path, kind, f"a readable {kind}", Unquoted(error.strerror or "an error")) from None
 
 
 def _read_pipe(path: Path, descriptor: int, limit: int, whole: bool) -> bytes:
@@ -114,11 +120,8 @@ def folder_entries(folder: Path) -> list[Path]:
     InputError
         It cannot be listed, or has more than MAX_ENTRIES.
     """
-    try:
-        with os.scandir(folder) as entries:
-            names = [entry.name for entry in itertools.islice(entries, MAX_ENTRIES + 1)]
-    except OSError as error:
-        raise InputError.at(folder, "folder", "a readable folder", Unquoted(error.strerror or "an error")) from None
+    with _refusals(folder, "folder"), os.scandir(folder) as entries:
+        names = [entry.name for entry in itertools.islice(entries, MAX_ENTRIES + 1)]
     if len(names) > MAX_ENTRIES:
         raise InputError.at(folder, "folder", f"at most {MAX_ENTRIES:,} entries", Unquoted("more"))
     return [folder / name for name in sorted(names)]

@@ -178,7 +178,9 @@ def _missing_light(
         zip(local, lights.near, lights.power, returned, strict=True)
     ):
         matrix = _shadow_matrix(direction, float(near), basis, reach)
-        matrix[:2] += _shift(number)[:, None] * matrix[3]
+        # shifted by a fraction of a pixel, so that the sum has smooth edges
+        shift = np.mod(number * np.array([0.7548777, 0.5698403]), 1.0) * 2 - 1
+        matrix[:2] += shift[:, None] / MAP_PIXELS * matrix[3]
         flat.scissor = sums.scissor = _part_of_map(matrix, ends)
         flat.use()
         context.disable(context.DEPTH_TEST)
@@ -218,11 +220,6 @@ def _open_light(
     far = np.linalg.norm(directions - plane[..., None, :] * lights.near[:, None], axis=-1)  # (p, p, n)
     light = (np.where(lights.near > 0, reaching[..., None], 1.0) * directions[:, 2] / far**3) @ lights.power
     return np.asarray(cv2.resize(light.astype(np.float32), (MAP_PIXELS, MAP_PIXELS), interpolation=cv2.INTER_LINEAR))
-
-
-def _shift(number: int) -> FloatArray:
-    """Return the offset (2,) of the shadow of a light, a fraction of a pixel, so that the sum has smooth edges."""
-    return np.asarray(np.mod(number * np.array([0.7548777, 0.5698403]), 1.0) * 2 - 1) / MAP_PIXELS
 
 
 def _part_of_map(matrix: FloatArray, ends: FloatArray) -> tuple[int, int, int, int]:

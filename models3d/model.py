@@ -41,9 +41,8 @@ class Material:
     tint: FloatArray = (1.0, 1.0, 1.0)  # type: ignore[assignment]  # made an array below
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "base_color", np.asarray(self.base_color, dtype=np.float64))
-        object.__setattr__(self, "emissive", np.asarray(self.emissive, dtype=np.float64))
-        object.__setattr__(self, "tint", np.asarray(self.tint, dtype=np.float64))
+        for name in ("base_color", "emissive", "tint"):
+            object.__setattr__(self, name, np.asarray(getattr(self, name), dtype=np.float64))
 
     @property
     def textures(self) -> tuple[Pixels, ...]:

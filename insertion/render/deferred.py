@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from insertion.render.gpu import GpuPart, read_layer
+from insertion.render.gpu import GpuPart, read_layer, release
 from insertion.scene.camera_rays import Window
 
 #: Names of the geometry buffers in the lighting shader, in the order of the outputs of the geometry shader.
@@ -84,9 +84,7 @@ class DeferredTargets:
         size = (-(-width // STEP_PX) * STEP_PX, -(-height // STEP_PX) * STEP_PX)
         if size == self._size:
             return
-        for old in (*self._buffers, self._gathered, self._lit):
-            if old is not None:
-                old.release()
+        release(*self._buffers, self._gathered, self._lit)
         make = self._context
         self._buffers = [make.texture(size, 4, samples=self._samples, dtype="f4") for _ in GBUFFER]
         self._gathered = make.framebuffer(self._buffers, make.depth_renderbuffer(size, samples=self._samples))

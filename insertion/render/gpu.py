@@ -49,9 +49,7 @@ class GpuPart:
 
     def release(self) -> None:
         """Release the memory of the graphics card."""
-        for item in (self.drawn, self.gathered, self.cast, *self.textures.values(), *self.buffers):
-            if item:
-                item.release()
+        release(self.drawn, self.gathered, self.cast, *self.textures.values(), *self.buffers)
 
     def bind(self, program: Any) -> None:
         """Set the uniforms of the material that the shader uses."""
@@ -133,6 +131,13 @@ def gl_context() -> Any:
 def check_renderer() -> None:
     """Raise NoRenderer if there is no OpenGL context, before any work starts."""
     gl_context().release()
+
+
+def release(*resources: Any) -> None:
+    """Release the memory of the graphics card; None is ignored."""
+    for resource in resources:
+        if resource is not None:
+            resource.release()
 
 
 def program(context: Any, vertex: str, fragment: str, **constants: int) -> Any:

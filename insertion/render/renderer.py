@@ -18,7 +18,7 @@ from insertion.light.environment_map import LEVELS, Environment, prefiltered_env
 from insertion.light.light_samples import LightSamples, sample_lights
 from insertion.render.body import Body, BodyPart, environment_with_objects
 from insertion.render.deferred import STEP_PX, DeferredTargets
-from insertion.render.gpu import GpuPart, load_part, program, read_layer
+from insertion.render.gpu import GpuPart, load_part, program, read_layer, release
 from insertion.render.shadow_maps import Caster, ShadowCatcher, light_axes, shadow_atlas, shadow_catcher
 from insertion.scene.camera_rays import Window
 from metric_base.arrays import FloatArray
@@ -148,7 +148,7 @@ class ObjectRenderer:
         self.plane: ShadowCatcher = shadow_catcher(
             self._context, self._cast, self._parts, above, returned, body.basis, body.corners, loaded, sunlit
         )
-        _release(*loaded)
+        release(*loaded)
         for shaded in (self._program, self._light, self._receive):
             _set_lights(shaded, lights, _bounce_light(self.environment, body, lights), caster)
             shaded["shadow_atlas"].value = _ATLAS
@@ -176,7 +176,7 @@ class ObjectRenderer:
         lights = _local_lights(self.environment, self.body, OBJECT_CUTS, caster.centre, caster.radius)
         loaded = [self._load(part) for part in parts]
         self._set_texture(_OTHERS, shadow_atlas(self._context, self._cast, loaded, lights, caster))
-        _release(*loaded)
+        release(*loaded)
         for surface in (self._program, self._light):
             _set_lights(surface, lights, None, caster, "other")
             surface["other_atlas"].value = _OTHERS
@@ -338,8 +338,7 @@ class ObjectRenderer:
         self._use_light()
         self._cover.render(mode=self._context.TRIANGLE_STRIP)
         share = np.frombuffer(target.read(components=3, dtype="f4"), "f4").reshape(height, width, 3).copy()
-        for resource in (*textures, target, result):
-            resource.release()
+        release(*textures, target, result)
         return share
 
     def _set_surroundings(self, environment: Environment) -> None:
@@ -360,7 +359,7 @@ class ObjectRenderer:
 
     def _set_texture(self, unit: int, texture: Any) -> None:
         """Store a texture of the light and release the previous one."""
-        _release(self._textures.get(unit))
+        release(self._textures.get(unit))
         self._textures[unit] = texture
 
     def _use_light(self) -> None:
@@ -372,7 +371,7 @@ class ObjectRenderer:
         """Return framebuffers of at least this size, with and without multisampling; the previous pair is released."""
         size = (-(-width // STEP_PX) * STEP_PX, -(-height // STEP_PX) * STEP_PX)
         if size != self._target_size:
-            _release(*self._targets)
+            release(*self._targets)
             make = self._context.renderbuffer
             smooth = self._context.framebuffer(
                 [make(size, 4, samples=SAMPLES, dtype="f2"), make(size, 4, samples=SAMPLES, dtype="f4")],
@@ -381,13 +380,6 @@ class ObjectRenderer:
             plain = self._context.framebuffer([make(size, 4, dtype="f2"), make(size, 4, dtype="f4")])
             self._target_size, self._targets = size, (smooth, plain)
         return self._targets
-
-
-def _release(*objects: Any) -> None:
-    """Release the memory of the graphics card; None is ignored."""
-    for item in objects:
-        if item is not None:
-            item.release()
 
 
 def _local_lights(environment: Environment, body: Body, cuts: int, place: FloatArray, radius: float) -> LightSamples:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from insertion.light.light_samples import LightSamples
-from insertion.render.gpu import GpuPart
+from insertion.render.gpu import GpuPart, release
 from insertion.render.gpu import program as program_of
 from metric_base.arrays import FloatArray
 
@@ -198,8 +198,7 @@ def _missing_light(
         cover.render(mode=context.TRIANGLE_STRIP)
     context.disable(context.BLEND)
     missing = np.frombuffer(sums.read(components=3, dtype="f4"), "f4").reshape(MAP_PIXELS, MAP_PIXELS, 3).copy()
-    for resource in (cover, quad, weigh, flat, sums, blocked, lost, *masks):
-        resource.release()
+    release(cover, quad, weigh, flat, sums, blocked, lost, *masks)
     return missing
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from insertion.render.body import body_of
-from insertion.render.gpu import load_part
+from insertion.render.gpu import load_part, release
 from insertion.render.gpu import program as program_of
 from metric_base.arrays import FloatArray
 from models3d.model import Model
@@ -93,8 +93,7 @@ def studio_views(
         context.copy_framebuffer(plain, smooth)
         rgba = np.frombuffer(plain.read(components=4), "u1").reshape(side, side, 4)
         yield StudioView(crop_to_object(rgba), pixels / (2 * radius * body.unit))
-    for item in (smooth, plain):
-        item.release()
+    release(smooth, plain)
 
 
 def camera_axes(azimuth_deg: float, elevation_deg: float) -> FloatArray:

@@ -40,7 +40,8 @@ def run(arguments: argparse.Namespace) -> None:
         raise InputError(f"{arguments.file}: expected {expected}")
     if arguments.site:
         use_site(arguments.site)
-    (_extract_archive if is_archive else _extract_page)(arguments)
+    extract = _extract_archive if is_archive else _extract_page
+    extract(arguments)
 
 
 def _extract_page(arguments: argparse.Namespace) -> None:

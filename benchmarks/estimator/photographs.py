@@ -4,7 +4,13 @@
 
 Depth maps are simulated: the true depth of rendered rooms, or the dense depth of `tum_office`, at half the resolution,
 blurred, with a smooth relative error, an offset and a scale error of all pixels of the map. Masks of rooms have borders
-with errors of 2 pixels. The scale of the network alone has the interval of its stated standard deviation.
+with errors of 2 pixels. The scale of the network alone has the interval of its stated standard deviation. Each
+photograph is also evaluated with `N_OBJECTS` of its masks, drawn at random.
+
+Distances of objects from the camera have the multi-threshold relative accuracy of Sultana 2026 (Object-wise metric
+distance estimation from a single RGB image, University of Victoria): the mean over objects, and over thresholds t of .5
+to .95 in steps of .05 as in VSI-Bench, of whether the relative error is below 1 - t. It is 0 for a photograph without a
+scale.
 """
 
 from __future__ import annotations
@@ -33,7 +39,7 @@ from estimator.reconstructions.scene_reader import read_scene
 from estimator.records.network_outputs import OTHER_NETWORK_SD
 from estimator.records.options import EstimateOptions
 from estimator.records.result import ScaleResult
-from estimator.records.scene import Instance, InstanceSet
+from estimator.records.scene import Instance, InstanceSet, Scene
 from estimator.results.estimate import scale_of_objects
 from estimator.scene_formats.photograph import read_photograph
 from metric_base.arrays import FloatArray
@@ -52,8 +58,12 @@ N_VIEWS = 1
 BLUR_PX, SMOOTH_ERROR, OFFSET_ERROR, SCALE_SD = 1.5, 0.03, 0.03, OTHER_NETWORK_SD
 #: Length in pixels of the smooth error, and standard deviation of the borders of masks in pixels.
 SMOOTH_PX, MASK_ERROR_PX = 40.0, 2.0
-#: Upper ends of the groups by the number of objects that are used.
-GROUPS = ((0, "none"), (2, "1 to 2"), (5, "3 to 5"), (99, "6 and more"))
+#: Numbers of masks of a photograph that are also evaluated alone.
+N_OBJECTS = (1, 2, 4)
+#: Upper ends of the groups by the number of masks.
+GROUPS = ((1, "1"), (2, "2"), (5, "3 to 5"), (999, "6 and more"))
+#: Thresholds of the relative accuracy of distances.
+THRESHOLDS = np.arange(0.5, 0.96, 0.05)
 METHODS = ("objects", "network", "both")
 
 
@@ -78,6 +88,7 @@ class Estimate:
     error: float | None
     low: float = 0.0  #: Ends of ln scale minus the truth.
     high: float = 0.0
+    accuracy: float = 0.0  #: Multi-threshold relative accuracy of the distances of objects.
 
 
 def room_photographs(seeds: Sequence[int]) -> Iterator[Photograph]:
@@ -127,24 +138,63 @@ def estimates(photographs: Iterator[Photograph], tree: Tree) -> Iterator[Estimat
             cv2.imwrite(str(image), np.zeros(photograph.size[::-1], dtype=np.uint8))
             np.save(file, values)
             scene = read_photograph(image, file, focal_px=photograph.focal_px)
-            options = EstimateOptions(level=LEVEL)
-            estimate = estimate_scene(scene, tree, options, instances=InstanceSet(photograph.instances))
-            assert estimate.measurements is not None
-            evidence = MetricDepth(None, network_sd=SCALE_SD).observe(scene, estimate.measurements)
-            both = scale_of_objects(estimate.measurements.objects, tree, replace(options, evidence=evidence))
-            n_used = sum(one.verdict == "used" for one in estimate.result.objects)
-            group = next(label for most, label in GROUPS if n_used <= most)
-            half, error = math.sqrt(2) * erfinv(LEVEL) * SCALE_SD, -math.log(truth)
-            yield _estimate(photograph, group, "objects", estimate.result, truth)
-            yield Estimate(photograph.source, group, "network", error, error - half, error + half)
-            yield _estimate(photograph, group, "both", both, truth)
+            for count in (*N_OBJECTS, len(photograph.instances)):
+                if 0 < count <= len(photograph.instances):
+                    chosen = generator.permutation(len(photograph.instances))[:count]
+                    masks = tuple(photograph.instances[index] for index in sorted(chosen.tolist()))
+                    yield from _estimates(replace(photograph, instances=masks), scene, values, truth, tree)
 
 
-def _estimate(photograph: Photograph, group: str, method: str, result: ScaleResult, truth: float) -> Estimate:
+def _estimates(
+    photograph: Photograph, scene: Scene, values: FloatArray, truth: float, tree: Tree
+) -> Iterator[Estimate]:
+    """Yield the estimates by objects, by the network with its map `values` (h, w), and by both."""
+    options = EstimateOptions(level=LEVEL)
+    estimate = estimate_scene(scene, tree, options, instances=InstanceSet(photograph.instances))
+    assert estimate.measurements is not None
+    evidence = MetricDepth(None, network_sd=SCALE_SD).observe(scene, estimate.measurements)
+    both = scale_of_objects(estimate.measurements.objects, tree, replace(options, evidence=evidence))
+    group = next(label for most, label in GROUPS if len(photograph.instances) <= most)
+    half, error = math.sqrt(2) * erfinv(LEVEL) * SCALE_SD, -math.log(truth)
+    ratios = distance_ratios(photograph, values)
+    yield _estimate(photograph, group, "objects", estimate.result, truth, ratios)
+    yield Estimate(photograph.source, group, "network", error, error - half, error + half, relative_accuracy(ratios))
+    yield _estimate(photograph, group, "both", both, truth, ratios)
+
+
+def _estimate(
+    photograph: Photograph, group: str, method: str, result: ScaleResult, truth: float, ratios: FloatArray
+) -> Estimate:
     if result.scale is None or result.interval is None:
         return Estimate(photograph.source, group, method, None)
-    ends = (math.log(end / truth) for end in (result.interval.low, result.interval.high))
-    return Estimate(photograph.source, group, method, math.log(result.scale / truth), *ends)
+    low, high = (math.log(end / truth) for end in (result.interval.low, result.interval.high))
+    accuracy = relative_accuracy(ratios * result.scale)
+    return Estimate(photograph.source, group, method, math.log(result.scale / truth), low, high, accuracy)
+
+
+def distance_ratios(photograph: Photograph, values: FloatArray) -> FloatArray:
+    """Return the mean distance of the pixels of each mask by a map (h, w), relative to the true one in metres (k,).
+
+    The distances of a pixel by two maps have the ratio of its depths along the axis, up to the common ray.
+    """
+    height, width = values.shape
+    rows, columns = np.indices((height, width)) + 0.5
+    focal = photograph.focal_px * width / photograph.size[0]
+    rays = np.sqrt(1 + ((columns - width / 2) ** 2 + (rows - height / 2) ** 2) / focal**2)
+    ratios = []
+    for one in photograph.instances:
+        is_shown = np.zeros(photograph.size[::-1], dtype=bool)
+        left, top = one.origin
+        is_shown[top : top + one.mask.shape[0], left : left + one.mask.shape[1]] = one.mask
+        inside = is_shown[1::2, 1::2] & np.isfinite(values) & np.isfinite(photograph.depth_m)
+        if inside.any():
+            ratios.append((values * rays)[inside].mean() / (photograph.depth_m * rays)[inside].mean())
+    return np.array(ratios)
+
+
+def relative_accuracy(ratios: FloatArray) -> float:
+    """Return the fraction of pairs of an object and a threshold t whose relative error (k,) is below 1 - t."""
+    return float((np.abs(ratios - 1)[:, None] < 1 - THRESHOLDS).mean()) if len(ratios) else 0.0
 
 
 def table(rows: Sequence[Estimate]) -> str:
@@ -152,8 +202,8 @@ def table(rows: Sequence[Estimate]) -> str:
     groups: dict[tuple[str, str, str], list[Estimate]] = defaultdict(list)
     for one in rows:
         groups[one.source, one.group, one.method].append(one)
-    columns = ["photographs", "objects used", "scale by", "number", "refused", "mean abs(ln)", "coverage", "width (ln)"]
-    lines = [table_head(columns)]
+    figures = ["mean abs(ln)", "coverage", "width (ln)", "accuracy of distances"]
+    lines = [table_head(["photographs", "masks", "scale by", "number", "refused", *figures])]
     order = [
         (source, label, method)
         for source in dict.fromkeys(one.source for one in rows)
@@ -165,6 +215,7 @@ def table(rows: Sequence[Estimate]) -> str:
         if not groups[key]:
             continue
         cells = [f"{value:.3g}" for value in _figures(given)] if given else ["–"] * 3
+        cells.append(f"{np.mean([one.accuracy for one in groups[key]]):.2f}")
         lines.append(row_text([*key, len(groups[key]), len(groups[key]) - len(given), *cells]))
     return "\n".join(lines)
 

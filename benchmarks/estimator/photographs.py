@@ -1,6 +1,6 @@
 """Evaluate the scale of one photograph with the depth map of a network, by objects, by the network, and by both.
 
-    python -m benchmarks.estimator.photographs [--seeds 0 1 2 3] [--write]
+    python -m benchmarks.estimator.photographs [--seeds 0 1 2 3] [--sources rooms office] [--exact] [--write]
 
 Depth maps are simulated: the true depth of rendered rooms, or the dense depth of `tum_office`, at half the resolution,
 blurred, with a smooth relative error, an offset and a scale error of all pixels of the map. Masks of rooms have borders
@@ -128,13 +128,14 @@ def network_depth(depth_m: FloatArray, generator: np.random.Generator) -> tuple[
     return np.where(is_known & (values > 0), values * factor, np.nan), 1 / factor
 
 
-def estimates(photographs: Iterator[Photograph], tree: Tree) -> Iterator[Estimate]:
-    """Yield the estimates of each method on each photograph."""
+def estimates(photographs: Iterator[Photograph], tree: Tree, is_exact: bool = False) -> Iterator[Estimate]:
+    """Yield the estimates of each method on each photograph, perhaps with depths without simulated errors."""
     generator = np.random.default_rng(7)
     with tempfile.TemporaryDirectory() as name:
         image, file = Path(name) / "photo.png", Path(name) / "depth.npy"
         for photograph in photographs:
             values, truth = network_depth(photograph.depth_m, generator)
+            values, truth = (photograph.depth_m, 1.0) if is_exact else (values, truth)
             cv2.imwrite(str(image), np.zeros(photograph.size[::-1], dtype=np.uint8))
             np.save(file, values)
             scene = read_photograph(image, file, focal_px=photograph.focal_px)
@@ -234,9 +235,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Print the table, and write it to the page."""
     options = _options(argv)
     tree = metric_tree.open()
-    rows = list(estimates(room_photographs(options.seeds), tree))
-    if not options.rooms_only:
-        rows += estimates(office_photographs(), tree)
+    photographs = {"rooms": lambda: room_photographs(options.seeds), "office": office_photographs}
+    rows = [row for source in options.sources for row in estimates(photographs[source](), tree, options.exact)]
     text = table(rows)
     print(text)
     if options.write:
@@ -247,7 +247,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _options(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = options_parser(__doc__)
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2, 3], help="seeds of the rooms")
-    parser.add_argument("--rooms-only", action="store_true", help="do not evaluate tum_office")
+    parser.add_argument("--sources", nargs="+", default=["rooms", "office"], choices=["rooms", "office"])
+    parser.add_argument("--exact", action="store_true", help="depths without simulated errors")
     parser.add_argument("--write", action="store_true", help=f"write the table to {PAGE.name}")
     return parser.parse_args(argv)
 

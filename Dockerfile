@@ -17,6 +17,8 @@ ENV PATH=/opt/metric-tree/bin:$PATH PYTHONDONTWRITEBYTECODE=1
 RUN useradd --create-home --uid 10001 metric
 USER 10001
 WORKDIR /home/metric
+# the tables of the pages, so that the server starts without making them
+RUN metric-tree serve --prepare
 EXPOSE 8000
 HEALTHCHECK --start-period=20s CMD ["python", "-c", "import urllib.request as r; r.urlopen('http://127.0.0.1:8000/healthz', timeout=3)"]
 CMD ["metric-tree", "serve", "--host", "0.0.0.0"]

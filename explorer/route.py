@@ -63,6 +63,11 @@ class Route:
         text = re.sub(r"\\\{\w+\\\}", "([^/]+?)", text)
         return re.compile(re.sub(r"\\\.json$", r"(?:\\.json)?", text))
 
+    @property
+    def media_type(self) -> str:
+        """Media type of the content."""
+        return MEDIA_TYPES.get(self.path.rpartition(".")[2], MEDIA_TYPES["json"])
+
     def parse_query(self, fields: Mapping[str, str]) -> msgspec.Struct | None:
         """Return the record of a query string, None if the route has none. Raises InputError for an invalid field."""
         if self.query is None:
@@ -81,5 +86,4 @@ class Route:
         made = self.render(catalogue, *values)
         if made is None:
             return None
-        media_type = MEDIA_TYPES.get(self.path.rpartition(".")[2], MEDIA_TYPES["json"])
-        return Rendered(made if isinstance(made, bytes) else msgspec.json.encode(made), media_type)
+        return Rendered(made if isinstance(made, bytes) else msgspec.json.encode(made), self.media_type)

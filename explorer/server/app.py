@@ -7,15 +7,16 @@ import hashlib
 import json
 import logging
 import re
+import shutil
 import time
 from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from functools import partial
-from importlib.resources import files
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 from urllib.parse import urlsplit
 
-import msgspec
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
@@ -28,16 +29,19 @@ from starlette.routing import Mount, Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from explorer.catalogue import ReleaseCatalogue
+from explorer.pages.node_page import node_page
 from explorer.queries import search_response
-from explorer.route import MEDIA_TYPES, Rendered
+from explorer.route import MEDIA_TYPES
 from explorer.route import Route as Address
 from explorer.routes import find_route
 from explorer.schemas import SearchQuery
-from explorer.server.delivery import CachedResponse, ResponseCache, conditional_response, problem
+from explorer.server.delivery import HEADERS, CompressionMiddleware, file_response, problem
 from explorer.server.scale_jobs import ScaleJobs, ServiceUnavailable
-from explorer.urls import page_of
+from explorer.urls import page_of, slug
 from metric_base.errors import InputError
-from metric_tree.node import NoPrior, UnknownName
+from metric_base.files import write_whole
+from metric_base.folders import taxonomy_directory
+from metric_tree.node import Node, NoPrior, UnknownName
 from metric_tree.release.images import FOLDER, stored_file
 from metric_tree.tree import Tree
 
@@ -52,8 +56,8 @@ PREFLIGHT_MAX_AGE_S = 86_400
 #: Seconds after which a client may repeat a request that was refused because of load.
 RETRY_AFTER_S = 5
 
-#: Addresses that `ReleaseServer.prepare` renders.
-PREPARED = ("index.html", "assets/names.js", "assets/sizes.js", "tree.html", "v1/sizes.csv")
+#: Addresses of tables of all nodes, which `ReleaseServer.prepare` writes once for each release.
+PREPARED = ("index.html", "assets/names.js", "assets/sizes.js", "tree.html", "v1/sizes.csv", "v1/sizes.parquet")
 
 _JSON = MEDIA_TYPES["json"]
 _IMAGE = re.compile(rf"{FOLDER}/[0-9a-f]{{2}}/[0-9a-f]{{64}}\.(?:webp|jpg|png)")
@@ -62,13 +66,17 @@ log = logging.getLogger("metric-tree.serve")
 
 
 class ReleaseServer:
-    """A release of a server, with a cache that all releases share and the processes that estimate scales."""
+    """A release of a server, with the files of its pages and the processes that estimate scales.
 
-    def __init__(self, catalogue: ReleaseCatalogue, cache: ResponseCache) -> None:
-        self.catalogue, self.cache = catalogue, cache
+    The files are those of the static site. They are written to a folder of `files` when they are first requested, and
+    remain there for the next server of the same release and the same program.
+    """
+
+    def __init__(self, catalogue: ReleaseCatalogue, files: Path) -> None:
+        self.catalogue = catalogue
         self.version = catalogue.tree.version
+        self.folder = files / f"{self.version}-{content_digest(catalogue)}"
         self.jobs = ScaleJobs(catalogue.tree.release.directory)
-        self.etag = f"{catalogue.etag}-{assets_digest()}"
         self.routes = [
             Route("/v1/scale", self.scale, methods=["POST"]),
             Route("/v1/scale", _post_only),
@@ -76,11 +84,18 @@ class ReleaseServer:
         ]
 
     def prepare(self) -> None:
-        """Render a category and the tables of all nodes, and search once, so that no request waits for them."""
+        """Write the tables of all nodes, render a category and search once, so that no request waits for them.
+
+        Folders of the same version of other programs are removed.
+        """
+        for folder in self.folder.parent.glob(f"{self.version}-*"):
+            if folder != self.folder:
+                shutil.rmtree(folder, ignore_errors=True)
         category = max(self.catalogue.nodes.values(), key=lambda node: node.level)
-        for address in (*PREPARED, page_of(category.node_id)):
+        node_page(self.catalogue, category)
+        for address in (*PREPARED, page_of(self.catalogue.tree.root.node_id)):
             if (found := find_route(self.catalogue, address)) is not None:
-                self.response(*found, None)
+                self.file(*found)
         search_response(self.catalogue, SearchQuery(f"how tall is a {category.name}"))
 
     async def get(self, request: Request) -> Response:
@@ -90,8 +105,8 @@ class ReleaseServer:
             file = stored_file(self.catalogue.tree.release.directory, address)
             if file is None:
                 return _nothing(request)
-            image = CachedResponse(Rendered(file.read_bytes(), MEDIA_TYPES[file.suffix[1:]]))
-            return conditional_response(request, image, file.stem, IMAGE_MAX_AGE_S)
+            max_age = f"public, max-age={IMAGE_MAX_AGE_S}"
+            return file_response(request, file, MEDIA_TYPES[file.suffix[1:]], **{"cache-control": max_age})
         if address == "" or address.endswith("/"):
             address += "index.html"
         found = find_route(self.catalogue, address)
@@ -99,20 +114,27 @@ class ReleaseServer:
             return _nothing(request)
         route, text, value = found
         query = route.parse_query(request.query_params)
-        response = self.cache.get((self.version, route.path, text, query))
-        if response is None:  # in another thread, unless rendering takes less time than that
-            render = partial(self.response, route, text, value, query)
-            response = render() if route.is_quick else await run_in_threadpool(render)
-        return _nothing(request) if response is None else conditional_response(request, response, self.etag)
-
-    def response(self, route: Address, text: str, value: Any, query: msgspec.Struct | None) -> CachedResponse | None:
-        """Render and cache the content of a route for a value of its parameter, whose text is `text`."""
-        rendered = route.content(self.catalogue, value, query)
+        if route.is_static and not request.query_params:
+            file = await run_in_threadpool(self.file, route, text, value)
+            return _nothing(request) if file is None else file_response(request, file, route.media_type)
+        render = partial(route.content, self.catalogue, value, query)
+        # in another thread, unless rendering takes less time than that
+        rendered = render() if route.is_quick else await run_in_threadpool(render)
         if rendered is None:
-            return None
-        response = CachedResponse(rendered)
-        self.cache.put((self.version, route.path, text, query), response)
-        return response
+            return _nothing(request)
+        return Response(rendered.body, headers={**HEADERS, "content-type": rendered.media_type})
+
+    def file(self, route: Address, text: str, value: Any) -> Path | None:
+        """Return the file with the content of a route, written if it does not exist; None without content."""
+        name = slug(value.node_id) if isinstance(value, Node) else text
+        file = self.folder / route.path.replace(f"{{{route.parameter}}}", name)
+        if not file.is_file():
+            rendered = route.content(self.catalogue, value)
+            if rendered is None:
+                return None
+            file.parent.mkdir(parents=True, exist_ok=True)
+            write_whole(file, rendered.body)
+        return file
 
     async def scale(self, request: Request) -> Response:
         """Return the posterior of measured objects."""
@@ -138,16 +160,20 @@ class ReleaseServer:
         return Response(result, media_type=_JSON, headers={"cache-control": "no-store"})
 
 
-def assets_digest() -> str:
-    """Return a digest of templates, scripts and styles: eight hexadecimal digits."""
-    digest = hashlib.sha256()
-    for folder in ("templates", "assets"):
-        for entry in sorted(files("explorer.pages").joinpath(folder).iterdir(), key=lambda entry: entry.name):
-            digest.update(entry.read_bytes())
-    return digest.hexdigest()[:8]
+def content_digest(catalogue: ReleaseCatalogue) -> str:
+    """Return a digest of the release and of the program that renders it, by the sizes and times of their files."""
+    program = Path(__file__).parents[2]
+    packages = [program / name for name in ("explorer", "metric_base", "metric_tree", "taxonomy")]
+    files = [file for folder in (*packages, taxonomy_directory()) for file in folder.rglob("*.*")]
+    files += catalogue.tree.release.directory.glob("*.*")
+    states = [(str(file), file.stat()) for file in sorted(files) if "__pycache__" not in file.parts]
+    text = "".join(f"{name} {state.st_size} {int(state.st_mtime)}\n" for name, state in states)
+    return hashlib.sha256((text + ",".join(tree.version for tree in catalogue.others)).encode()).hexdigest()[:16]
 
 
-def application(trees: Sequence[Tree], preload: bool = False, allowed_hosts: Sequence[str] = ("*",)) -> ASGIApp:
+def application(
+    trees: Sequence[Tree], preload: bool = False, allowed_hosts: Sequence[str] = ("*",), files: Path | None = None
+) -> ASGIApp:
     """Return the application of releases: the first at the root, the others under `/releases/VERSION/`.
 
     Parameters
@@ -159,14 +185,17 @@ def application(trees: Sequence[Tree], preload: bool = False, allowed_hosts: Seq
         request.
     allowed_hosts : sequence of str, default ("*",)
         Names in the `Host` header that are served; `*.example.org` means all subdomains, `*` any name.
+    files : Path, optional
+        Folder of rendered files, which is kept; by default a temporary folder.
 
     Raises
     ------
     InputError
         Two releases have the same version.
     """
-    cache = ResponseCache()
-    servers = [ReleaseServer(ReleaseCatalogue(trees, place), cache) for place in range(len(trees))]
+    temporary = TemporaryDirectory(prefix="metric-tree-")  # removed with the application
+    folder = files or Path(temporary.name)
+    servers = [ReleaseServer(ReleaseCatalogue(trees, place), folder) for place in range(len(trees))]
     main, *others = servers
 
     @asynccontextmanager
@@ -177,6 +206,7 @@ def application(trees: Sequence[Tree], preload: bool = False, allowed_hosts: Seq
         yield
         for server in servers:
             server.jobs.stop()
+        temporary.cleanup()
 
     async def health(_: Request) -> Response:
         state = {"status": "ok", "releases": {server.version: server.catalogue.etag for server in servers}}
@@ -201,6 +231,7 @@ def application(trees: Sequence[Tree], preload: bool = False, allowed_hosts: Seq
             expose_headers=["accept-ranges", "content-range", "etag"],
         ),
     ]
+    middleware.append(Middleware(CompressionMiddleware))
     all_routes = [Route("/healthz", health), *mounted, *main.routes]
     return Starlette(routes=all_routes, middleware=middleware, exception_handlers=handlers, lifespan=lifespan)
 

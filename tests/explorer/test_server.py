@@ -10,6 +10,7 @@ import socket
 import subprocess
 import sys
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 from urllib.parse import urljoin
 
@@ -22,9 +23,9 @@ from schemathesis.specs.openapi.checks import positive_data_acceptance
 from starlette.testclient import TestClient
 
 from explorer.catalogue import ReleaseCatalogue
+from explorer.routes import find_route
 from explorer.schemas import NodeAnswer, PriorAnswer, Problem, SearchAnswer
-from explorer.server.app import ReleaseServer, application
-from explorer.server.delivery import ResponseCache
+from explorer.server.app import PREPARED, ReleaseServer, application, content_digest
 from metric_tree.tree import Tree
 from tests.explorer.conftest import WEB
 from tests.support.processes import started
@@ -144,8 +145,9 @@ def test_compressed_and_plain_responses_have_different_etags(base: str) -> None:
         tags[coding] = WEB.get(address, headers={"accept-encoding": coding}).headers["etag"]
     assert tags["gzip"] != tags["identity"]
     for coding, tag, status in (
-        ("gzip", f'"x", W/{tags["gzip"]}', 304),
-        ("identity", tags["gzip"], 200),
+        ("gzip", f'"x", {tags["gzip"]}', 304),
+        ("identity", tags["gzip"], 304),  # a weak comparison
+        ("identity", '"x"', 200),
         ("identity", "*", 304),
     ):
         headers = {"accept-encoding": coding, "if-none-match": tag}
@@ -161,9 +163,7 @@ def test_compressed_and_plain_responses_have_different_etags(base: str) -> None:
         ("bytes=4-99999999", 206, slice(4, None)),
         ("bytes=99999999-", 416, None),
         ("bytes=-0", 416, None),
-        ("bytes=5-4", 200, slice(None)),
-        ("bytes=0-1,4-5", 200, slice(None)),
-        ("bytes=-", 200, slice(None)),
+        ("items=0-3", 200, slice(None)),
     ],
 )
 def test_ranges_of_bytes_for_remote_readers(base: str, asked: str, status: int, part: slice | None) -> None:
@@ -310,12 +310,40 @@ def test_the_command_serves_logs_and_stops(catalogue: ReleaseCatalogue) -> None:
     assert server.returncode == 128 + signal.SIGTERM
 
 
-def test_a_prepared_server_has_its_tables_before_the_first_request(trees: list[Tree]) -> None:
-    server = ReleaseServer(ReleaseCatalogue(trees), ResponseCache())
+def test_a_prepared_server_has_its_tables_before_the_first_request(
+    trees: list[Tree], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    outdated = tmp_path / f"{trees[0].version}-0" / "index.html"
+    outdated.parent.mkdir()
+    outdated.write_bytes(b"of another program")
+    server = ReleaseServer(ReleaseCatalogue(trees), tmp_path)
     assert "sizes" not in vars(server.catalogue)
     server.prepare()
     assert {"items", "sizes", "kinds"} <= set(vars(server.catalogue))
-    assert server.cache.get((server.version, "assets/names.js", "", None)) is not None
+    assert not outdated.exists()
+    # the next server of the release makes no table
+    for name in ("name_index", "size_index", "tables.sizes_table"):
+        monkeypatch.setattr(f"explorer.routes.{name}", None)
+    again = ReleaseServer(ReleaseCatalogue(trees), tmp_path)
+    again.prepare()
+    for address in PREPARED:
+        found = find_route(again.catalogue, address)
+        assert found is not None
+        assert again.file(*found) == server.folder / address
+        assert (server.folder / address).stat().st_size > 100
+
+
+def test_files_of_another_release_or_program_are_not_served(
+    catalogue: ReleaseCatalogue, trees: list[Tree], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    digest = content_digest(catalogue)
+    assert content_digest(ReleaseCatalogue(trees)) == digest
+    assert content_digest(ReleaseCatalogue(trees[:1])) != digest, "other releases are on the home page"
+    assert content_digest(ReleaseCatalogue(trees[::-1])) != digest
+    monkeypatch.setattr("explorer.server.app.taxonomy_directory", lambda: tmp_path)
+    before = content_digest(catalogue)
+    (tmp_path / "names.csv").write_text("a")
+    assert content_digest(catalogue) != before
 
 
 def test_tools_of_the_model_context_protocol(catalogue: ReleaseCatalogue) -> None:

@@ -11,16 +11,16 @@ import msgspec
 import numpy as np
 import pyarrow as pa
 import pytest
+from starlette.responses import Response
 from starlette.testclient import TestClient
 
 from explorer.catalogue import ReleaseCatalogue
 from explorer.charts.axis import number_text, range_text
 from explorer.pages.node_page import category_bars, context_table, images_to_scale, items_by_size, node_page
 from explorer.responses import images_response, items_response, node_response, queried_prior
-from explorer.route import Rendered
 from explorer.schemas import ItemsQuery, KnownLength, ScaleRequest, SearchQuery
 from explorer.server.app import application
-from explorer.server.delivery import CachedResponse, ResponseCache
+from explorer.server.delivery import CompressionMiddleware
 from explorer.server.scale_jobs import ScaleJobs, ServiceUnavailable, scale_record
 from metric_base.arrays import IntArray
 from metric_base.errors import InputError
@@ -44,28 +44,19 @@ def repeat_rows(monkeypatch: pytest.MonkeyPatch, n: int) -> None:
 
 @pytest.mark.parametrize(
     ("size", "media_type", "is_compressed"),
-    [(499, "text/html", False), (500, "text/html", True), (9000, "image/webp", False), (9000, "image/png", False)],
+    [
+        (499, "text/html", False),
+        (500, "text/html", True),
+        (9000, "image/webp", False),
+        (9000, "application/vnd.apache.parquet", False),
+    ],
 )
 def test_responses_of_500_bytes_are_compressed_unless_they_are_images(
     size: int, media_type: str, is_compressed: bool
 ) -> None:
-    assert bool(CachedResponse(Rendered(b"x" * size, media_type)).compressed) == is_compressed
-
-
-@pytest.mark.parametrize(("size", "is_kept"), [(45_713_929, True), (45_713_930, False)])
-def test_the_cache_has_at_most_64_mb(size: int, is_kept: bool) -> None:
-    cache, response = ResponseCache(), CachedResponse(Rendered(bytes(size), "text/html"))
-    cache.put("page", response)
-    assert (cache.get("page") is response) == is_kept
-
-
-def test_the_cache_removes_the_least_recently_used_response() -> None:
-    cache, body = ResponseCache(), bytes(20_000_000)  # 28 MB each
-    for key in ("first", "second"):
-        cache.put(key, CachedResponse(Rendered(body, "text/html")))
-    assert cache.get("first") is not None
-    cache.put("third", CachedResponse(Rendered(body, "text/html")))
-    assert [cache.get(key) is not None for key in ("first", "second", "third")] == [True, False, True]
+    headers = {"accept-encoding": "gzip"}
+    client = TestClient(CompressionMiddleware(Response(b"x" * size, media_type=media_type)))
+    assert ("content-encoding" in client.get("/", headers=headers).headers) == is_compressed
 
 
 def test_a_page_may_be_kept_for_5_minutes_and_a_preflight_for_a_day(trees: list[Tree]) -> None:

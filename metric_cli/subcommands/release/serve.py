@@ -5,8 +5,10 @@ from __future__ import annotations
 import argparse
 import logging
 import sys
+from pathlib import Path
 
 from metric_base.errors import InputError
+from metric_tree.release.registry import cache_folder
 from metric_tree.tree import open_tree
 
 HELP = "Serve the explorer and its JSON over HTTP, or with --mcp as tools for agents over standard input and output."
@@ -32,6 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="name of the server in the addresses of requests, *.example.org for subdomains; may be repeated "
         "(default: localhost, or any name if --host is not this machine)",
     )
+    add("--prepare", action="store_true", help="write the tables of the pages to the cache and end, for an image")
     add("--mcp", action="store_true", help="serve the Model Context Protocol instead of HTTP")
     add("--quiet", action="store_true", help="do not log requests")
 
@@ -48,9 +51,22 @@ def run(arguments: argparse.Namespace) -> None:
         return
     import uvicorn
 
-    from explorer.server.app import application
+    from explorer.catalogue import ReleaseCatalogue
+    from explorer.server.app import ReleaseServer, application
     from explorer.server.connections import TimedProtocol
 
+    pages = cache_folder().with_name("pages")
+    files: Path | None = pages
+    try:
+        pages.mkdir(parents=True, exist_ok=True)
+    except OSError:  # a read-only system: a temporary folder
+        files = None
+    if arguments.prepare:
+        if files is None:
+            raise InputError(f"{pages}: expected a folder that can be written")
+        for place in range(len(trees)):
+            ReleaseServer(ReleaseCatalogue(trees, place), files).prepare()
+        return
     is_local = arguments.host in {*LOCAL_HOSTS, "::1"}
     hosts = [*(arguments.allow_host or []), *LOCAL_HOSTS] if arguments.allow_host or is_local else ["*"]
     if odd := [host for host in hosts if host != "*" and "*" in host.removeprefix("*.")]:
@@ -59,7 +75,7 @@ def run(arguments: argparse.Namespace) -> None:
         stream=sys.stderr, level=logging.WARNING if arguments.quiet else logging.INFO, format="%(message)s"
     )
     uvicorn.run(
-        application(trees, preload=True, allowed_hosts=hosts),
+        application(trees, preload=True, allowed_hosts=hosts, files=files),
         host=arguments.host,
         port=arguments.port,
         access_log=False,

@@ -276,3 +276,27 @@ def test_models_among_furniture_leave_the_scale_uncertain(mini: Tree, ratio: int
     assert result.status != "resolved"
     for scale in (0.5, 0.5 * ratio):
         assert any(mode.scale == pytest.approx(scale, rel=0.1) for mode in result.modes)
+
+
+@pytest.mark.parametrize(("n_classes", "scales"), [(2, (0.66, 0.72)), (1, (0.8, 0.9))])
+def test_a_length_is_improbable_below_one_in_ten_thousand_or_if_half_of_the_weight_is_lost(
+    n_classes: int, scales: tuple[float, float]
+) -> None:
+    """Series of lengths ever farther from objects of two classes, which keep their weight, and of one."""
+    items = [
+        evidence(prior(f"c{k}.n.01", [(560, 540, 950)]), (1.12, 1.08, 1.90), name=str(k)) for k in range(n_classes)
+    ]
+    alone = posterior(items)
+    mass = alone.curve.density / alone.curve.density.sum() * (1 - alone.curve.below - alone.curve.above)
+    distance = {True: math.inf, False: math.inf}
+    for scale in np.geomspace(*scales, 40):
+        above = alone.curve.above + float(mass[alone.curve.log_scale > math.log(scale)].sum())
+        estimate = posterior(items, np.array([[math.log(scale), 0.01, 0.0]]))
+        conflict = known_length_conflict(estimate, items, EstimateOptions(evidence=(length(scale),)))
+        assert conflict is not None
+        kept = float(estimate.weight.sum() / alone.weight.sum())
+        assert conflict.is_decisive == (above < 1e-4 or kept < 0.5)
+        assert ("probability by the objects is less than 0.0001" in conflict.message) == (above < 1e-4 and kept >= 0.5)
+        nearest = abs(math.log(above / 1e-4)) if n_classes == 2 else 4 * abs(math.log(kept / 0.5))
+        distance[conflict.is_decisive] = min(distance[conflict.is_decisive], nearest)
+    assert max(distance.values()) < 0.26  # the series comes within a quarter, or 6 % of the weight, on both sides

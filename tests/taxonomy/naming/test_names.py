@@ -10,6 +10,7 @@ from taxonomy.naming import resolver
 from taxonomy.naming.names import Candidate, NameMatch, Names
 from taxonomy.naming.resolver import Resolver, is_slip
 from taxonomy.words.senses import reviewed_meanings
+from taxonomy.words.senses import Sense
 
 Row = tuple[str, str, Sequence[str] | None, int, str | None]
 
@@ -109,3 +110,15 @@ def test_a_head_noun_stands_for_a_compound_by_the_known_compounds(
 @pytest.mark.parametrize(("word", "other", "is_same"), [("abcd", "abce", True), ("abc", "abd", False)])
 def test_words_of_four_letters_may_differ_in_a_suggestion(word: str, other: str, is_same: bool) -> None:
     assert is_slip(word, other) == is_same
+
+
+@pytest.mark.parametrize(("uses", "is_ambiguous"), [(24, False), (26, True)])
+def test_another_sense_of_a_head_noun_competes_from_a_quarter_of_its_uses(
+    monkeypatch: pytest.MonkeyPatch, uses: int, is_ambiguous: bool
+) -> None:
+    known = [Sense(("mt:a",), 100 - uses), Sense(("mt:b",), uses)]
+    monkeypatch.setattr(resolver, "head_trust", lambda _: {"mt:a": (4, 4)})
+    monkeypatch.setattr(resolver, "senses", lambda word: known if word == "zorb" else [])
+    match = Resolver(names_of(("mt:a", "zorb", None, 9, None), ("mt:b", "zerb", None, 9, None))).match("wibbly zorb")
+    assert match is not None
+    assert match.ambiguous == is_ambiguous

@@ -8,9 +8,11 @@ import math
 import struct
 import zlib
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -322,3 +324,88 @@ def test_a_rotation_is_interpolated_on_the_shorter_arc(sign: float) -> None:
     keys = np.array([[0.0, 0, 0, 1], [0, sign * np.sin(half), 0, sign * np.cos(half)]])
     middle = Channel(0, "rotation", "LINEAR", np.array([0.0, 1.0]), keys).at(0.5)
     np.testing.assert_allclose(abs(middle @ [0, np.sin(half / 2), 0, np.cos(half / 2)]), 1.0)
+
+
+GLOSSY = {"diffuseFactor": [0.2, 0.4, 0.6, 1.0], "glossinessFactor": 0.7}
+
+
+@pytest.mark.parametrize(
+    ("glossy", "surface", "roughness", "has_texture"),
+    [
+        (GLOSSY, {}, 0.3, False),
+        (GLOSSY | {"diffuseTexture": {"index": 0}}, {}, 0.3, True),
+        ({}, {}, 0.0, False),
+        (GLOSSY, {"roughnessFactor": 0.9}, 0.9, False),  # the standard's material comes first
+    ],
+)
+def test_a_material_of_specular_and_glossiness_is_no_metal(
+    tmp_path: Path, glossy: dict[str, Any], surface: dict[str, Any], roughness: float, has_texture: bool
+) -> None:
+    material = {"extensions": {"KHR_materials_pbrSpecularGlossiness": glossy}, "pbrMetallicRoughness": surface}
+    (part,) = _square(tmp_path / "a.glb", lambda *_: None, material).meshes
+    assert part.material.roughness == pytest.approx(roughness)
+    assert (part.material.base_texture is not None) == has_texture
+    assert part.material.metallic == (1.0 if surface else 0.0)
+    if glossy and not surface:
+        assert part.material.base_color.tolist() == [0.2, 0.4, 0.6, 1.0]
+
+
+def test_a_texture_without_an_image_that_is_read_is_ignored_with_one_warning(tmp_path: Path) -> None:
+    def change(_: dict[str, Any], document: GltfWriter) -> None:
+        document.add("textures", {"extensions": {"KHR_texture_basisu": {"source": 0}}})
+
+    colours = {"pbrMetallicRoughness": {"baseColorTexture": {"index": 1}}, "normalTexture": {"index": 1}}
+    model = _square(tmp_path / "a.glb", change, colours)
+    assert model.meshes[0].material.base_texture is None
+    assert model.warnings == ("a texture without a PNG, JPEG or WebP image is ignored",)
+
+
+def test_sixteen_bits_of_a_texture_are_reduced_to_eight(tmp_path: Path) -> None:
+    grey = np.array([[0, 256, 65535]], dtype=np.uint16)
+    data = base64.b64encode(cv2.imencode(".png", grey)[1].tobytes()).decode()
+
+    def change(_: dict[str, Any], document: GltfWriter) -> None:
+        document.add("images", {"uri": f"data:image/png;base64,{data}"})
+        document.add("textures", {"source": 1})
+
+    (part,) = _square(tmp_path / "a.glb", change, {"pbrMetallicRoughness": {"baseColorTexture": {"index": 1}}}).meshes
+    assert part.material.base_texture is not None
+    assert part.material.base_texture[0].tolist() == [[0, 0, 0, 255], [1, 1, 1, 255], [255, 255, 255, 255]]
+
+
+def _animated(file: Path, path: str = "translation", node: int | None = 0, **changes: Any) -> Model:
+    document = GltfWriter("test")
+    mesh = {"primitives": [{"attributes": {"POSITION": document.add_accessor(SQUARE)}, "mode": 5}]}
+    document.add("meshes", mesh)
+    times = np.array(changes.get("times", [0.0, 1.0]))
+    values = np.array(changes.get("values", [[0.0, 0, 0], [1, 2, 3]]))
+    sampler = {"input": document.add_accessor(times[:, None]), "output": document.add_accessor(values)}
+    sampler |= {"interpolation": changes["kind"]} if "kind" in changes else {}
+    target = {"path": path} | ({} if node is None else {"node": node})
+    document.add("animations", {"samplers": [sampler], "channels": [{"sampler": 0, "target": target}]})
+    file.write_bytes(document.to_bytes([document.add("nodes", {"mesh": 0})]))
+    return read_model(file)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({}, None),
+        ({"kind": "STEP"}, None),
+        ({"kind": "CUBICSPLINE", "values": np.zeros((6, 3))}, None),
+        ({"kind": "CUBICSPLINE"}, "output: expected values for each of 2 times"),
+        ({"kind": "SPLINE"}, "interpolation: expected"),
+        ({"times": [0.0, 0.0]}, "input: expected rising times from 0"),
+        ({"times": [-0.1, 1.0]}, "input: expected rising times from 0"),
+        ({"times": [0.0, np.nan]}, "input: expected rising times from 0"),
+        ({"values": [[0.0, 0, np.nan], [1, 2, 3]]}, "output: expected finite numbers"),
+        ({"values": np.zeros((3, 3))}, "output: expected values for each of 2 times"),
+        ({"node": 1}, "node: expected one of the file's"),
+        ({"node": -1}, "node: expected one of the file's"),
+        ({"node": None, "kind": "SPLINE"}, None),  # a channel of another extension
+        ({"path": "pointer", "kind": "SPLINE"}, None),
+    ],
+)
+def test_keyframes_of_an_animation_are_checked(tmp_path: Path, changes: dict[str, Any], message: str | None) -> None:
+    with nullcontext() if message is None else pytest.raises(InputError, match=message):
+        assert _animated(tmp_path / "a.glb", **changes).meshes

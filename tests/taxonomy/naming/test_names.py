@@ -9,8 +9,7 @@ import pytest
 from taxonomy.naming import resolver
 from taxonomy.naming.names import Candidate, NameMatch, Names
 from taxonomy.naming.resolver import Resolver, is_slip
-from taxonomy.words.senses import reviewed_meanings
-from taxonomy.words.senses import Sense
+from taxonomy.words.senses import Sense, reviewed_meanings
 
 Row = tuple[str, str, Sequence[str] | None, int, str | None]
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import math
+
 import pytest
 
 from taxonomy.naming import resolver
@@ -121,3 +123,10 @@ def test_another_sense_of_a_head_noun_competes_from_a_quarter_of_its_uses(
     match = Resolver(names_of(("mt:a", "zorb", None, 9, None), ("mt:b", "zerb", None, 9, None))).match("wibbly zorb")
     assert match is not None
     assert match.ambiguous == is_ambiguous
+
+
+@pytest.mark.parametrize(("text", "how", "score"), [("bird.n.01", "id", math.inf), ("macaw", "broader kind", 0.0)])
+def test_an_id_is_certain_and_a_hypernym_is_the_only_candidate(text: str, how: str, score: float) -> None:
+    match = Resolver(chain(4, "bird.n.01")).match(text)
+    assert match is not None
+    assert (match.node_id, match.how, match.candidates[0].score, match.margin) == ("bird.n.01", how, score, math.inf)

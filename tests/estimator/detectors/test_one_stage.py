@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -257,3 +258,30 @@ def test_detections_of_a_class_are_one_from_an_iou_of_seven_tenths(
     rows[0, 0, 4] += (1 - overlap) / (1 + overlap) * rows[0, 2, 4]
     detector = load_detector(_graph(tmp_path / "net.onnx", {"output0": rows}))
     assert len(detector(np.zeros((HEIGHT, WIDTH, 3), dtype=np.uint8)).labels) == n_found
+
+
+@pytest.mark.parametrize(
+    ("n_candidates", "n_apart", "message"),
+    [
+        (10_000, 1, None),
+        (10_001, 1, "10,001 candidates"),
+        (1000, 1000, None),
+        (1001, 1001, "more than 1,000 detections"),
+    ],
+)
+def test_candidates_and_detections_of_an_image_are_limited(
+    n_candidates: int, n_apart: int, message: str | None, tmp_path: Path
+) -> None:
+    """Boxes of a class at one place are one detection; those of different places are not."""
+    rows = np.zeros((1, 84, 10_001), dtype=np.float32)
+    places = np.arange(n_candidates) % n_apart
+    rows[0, :4, :n_candidates] = (
+        places % 40 * 10 + 5,
+        places // 40 * 10 + 5,
+        np.full(n_candidates, 8),
+        np.full(n_candidates, 8),
+    )
+    rows[0, 4 + CLASS, :n_candidates] = 0.9
+    detector = load_detector(_graph(tmp_path / "net.onnx", {"output0": rows}))
+    with nullcontext() if message is None else pytest.raises(InputError, match=message):
+        assert len(detector(np.zeros((HEIGHT, WIDTH, 3), dtype=np.uint8)).labels) == n_apart

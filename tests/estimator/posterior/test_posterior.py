@@ -353,3 +353,21 @@ def test_other_evidence_determines_the_scale_if_it_is_probably_right(doubt: floa
 
 def test_other_evidence_is_never_more_accurate_than_a_thousandth() -> None:
     assert posterior([], np.array([[0.0, 1e-5, 0.0], [0.0, 2e-3, 0.0]])).gaussians[:, 1].tolist() == [1e-3, 2e-3]
+
+
+def test_a_grid_without_evidence_is_around_a_metre_per_unit() -> None:
+    found = log_scale_grid.evidence_grid(np.zeros(0), np.zeros(0), np.zeros(0))
+    assert (found[0], found[-1]) == (-1.0, 1.0)
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_a_density_that_rises_to_an_end_has_its_mode_there(order: int) -> None:
+    density = np.linspace(0.1, 1.0, 5)[::order]
+    (mode,) = log_scale_grid.modes(Curve(np.linspace(-1.0, 1.0, 5), density, 0.0, 0.0))
+    assert mode.scale == pytest.approx(np.exp(order))
+
+
+def test_a_mode_is_the_vertex_of_the_parabola_through_its_neighbours() -> None:
+    u = np.linspace(-1.0, 1.0, 41)
+    (mode,) = log_scale_grid.modes(Curve(u, np.exp(-(((u - 0.013) / 0.1) ** 2) / 2), 0.0, 0.0))
+    assert np.log(mode.scale) == pytest.approx(0.013, abs=1e-6)

@@ -188,3 +188,19 @@ def test_a_header_has_at_most_64_kibibytes(excess: int, is_read: bool, tmp_path:
     (tmp_path / "a.ply").write_bytes(data.replace(b"end_header", comment + b"end_header"))
     with nullcontext() if is_read else pytest.raises(InputError, match="header"):
         assert read_dense_cloud(tmp_path / "a.ply", 1)[0].points.tolist() == [[1, 2, 3]]
+
+
+def test_a_cloud_needs_a_point_with_a_position_within_the_bounds(tmp_path: Path) -> None:
+    file = tmp_path / "a.ply"
+    far, near = (1.01e12, 0.0, 0.0), (0.99e12, 0.0, 0.0)
+    for points, bounds, n_read in (
+        ([far, near], None, 1),
+        ([far], None, 0),
+        ([near], (np.full(3, -1.0), np.full(3, 1e12)), 1),
+        ([near], (np.full(3, -1.0), np.full(3, 0.9e12)), 0),
+    ):
+        rows = np.array(points, dtype=[(axis, "f8") for axis in "xyz"])
+        file.write_bytes(ply("ascii", [(axis, "double") for axis in "xyz"], rows))
+        limits = None if bounds is None else np.array(bounds)
+        with nullcontext() if n_read else pytest.raises(InputError, match="at least one point near the cameras"):
+            assert len(read_dense_cloud(file, 1, limits)[0].points) == n_read

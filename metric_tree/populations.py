@@ -9,8 +9,7 @@ in time, for queries with a year.
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Annotated
@@ -18,7 +17,8 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
-from metric_base.errors import InputError, expect, in_file
+from metric_base.arrays import grouped
+from metric_base.errors import InputError, expect
 from metric_base.folders import data_folder
 from metric_base.records import read_csv
 from metric_base.regions import region_of
@@ -61,23 +61,10 @@ class Population(msgspec.Struct, frozen=True, kw_only=True):
 
 
 @cache
-def populations(path: Path | None = None) -> Mapping[str, tuple[Population, ...]]:
-    """Read the populations of each node of the project, or of another file.
-
-    Raises
-    ------
-    BadPopulation
-        A cell is invalid, or rows of a node have the same region and year, or are in part without a year.
-    """
-    by_node: defaultdict[str, list[Population]] = defaultdict(list)
-    for place, row in read_csv(path or data_folder() / "curated" / "populations.csv", Population, BadPopulation):
-        others = by_node[row.node_id]
-        with in_file(place, BadPopulation):
-            is_new = all((row.region, row.year) != (one.region, one.year) for one in others)
-            expect(is_new, "region", "a region and year that no other row of the node has", row.region)
-            expect(all((row.year is None) == (one.year is None) for one in others), "year", "all or none", row.year)
-        others.append(row)
-    return {node_id: tuple(rows) for node_id, rows in by_node.items()}
+def populations(path: Path | None = None) -> Mapping[str, Sequence[Population]]:
+    """Read the populations of each node of the project, or of another file. Raises BadPopulation for an invalid row."""
+    rows = read_csv(path or data_folder() / "curated" / "populations.csv", Population, BadPopulation)
+    return grouped((row.node_id, row) for _, row in rows)
 
 
 def population_contexts(node_id: str, prior: Prior, where: Where) -> tuple[Where, tuple[Context, ...]]:

@@ -342,6 +342,7 @@ def write_illustrations(folder: Path) -> None:
                         "height_px": view.rgba.shape[0], "foreground_share": round(view.foreground_share, 6),
                         "method": "rendered", "source_url": url,
                         "licence": models[file]["licence"], "attribution": models[file]["attribution"],
+                        "pixels_per_metre": round(view.pixels_per_metre, 3),
                     }
                 )  # fmt: skip
     records.sort(key=lambda record: (record["item_id"], record["image_id"]))

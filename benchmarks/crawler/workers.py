@@ -1,0 +1,111 @@
+"""Two crawl workers with one Redis: memory against pages, and kills at random moments.
+
+    python -m benchmarks.crawler.workers --products 2500 5000
+    python -m benchmarks.crawler.workers --products 300 --kills 10
+
+The synthetic site, the workers and Redis are separate processes. A kill is SIGKILL of worker one, worker two or Redis
+in turn, after 0 to 6 s of work of both workers; Redis restarts from its disk, and workers that ended continue with
+`--resume`. Each item of the site must be found with its size; without kills no page is requested twice.
+"""
+
+from __future__ import annotations
+
+import os
+import random
+import resource
+import subprocess
+import tempfile
+import time
+from pathlib import Path
+
+from benchmarks.child import _peak_kib, ours
+from benchmarks.common import options_parser
+from benchmarks.crawler.crawl import ServedShop, _against_truth
+from tests.crawler.conftest import RedisServer
+from tests.synthetic.synthetic_site import Shop
+
+WORKERS = ("one", "two")
+#: Maximum time between two kills in seconds.
+MAX_WAIT_S = 6.0
+#: Seconds after which the pages of a killed worker are given to another one.
+LEASE_S = "3"
+
+
+def main() -> None:
+    """Print a row per number of products."""
+    parser = options_parser(__doc__)
+    parser.add_argument("--products", type=int, nargs="+", default=[300])
+    parser.add_argument("--kills", type=int, default=0)
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args()
+    print(
+        "products | responses | ms per response | peak MB of a worker | expected | right | missed | doubled", flush=True
+    )
+    for products in options.products:
+        with tempfile.TemporaryDirectory(prefix="crawl-") as name:
+            crawl(Shop(products=products, errors=False), Path(name), options.kills, options.seed)
+
+
+def crawl(shop: Shop, folder: Path, kills: int, seed: int) -> None:
+    """Crawl a shop with two workers, and print its row."""
+    generator = random.Random(seed)  # noqa: S311 - moments of kills
+    (folder / "redis").mkdir()
+    served, server = ServedShop(shop), RedisServer(folder / "redis")
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    before_s, peak_kib, done = used.ru_utime + used.ru_stime, 0, 0
+    victims = [*WORKERS, "redis"] * (kills // 3 + 1)
+    running: dict[str, subprocess.Popen[bytes]] = {}
+    ended: set[str] = set()
+    try:
+        while len(ended) < len(WORKERS):
+            for worker in WORKERS:
+                process = running.get(worker)
+                if process is not None and process.poll() == 0:
+                    ended.add(worker)
+                elif process is None or process.poll() is not None:
+                    running[worker] = start(served.base, folder, server.url, worker)
+            moment = time.monotonic() + generator.uniform(0.0, MAX_WAIT_S)
+            while time.monotonic() < moment:
+                peak_kib = max([peak_kib, *(_peak_kib(process.pid) for process in running.values())])
+                time.sleep(0.2)
+            if done < kills and not ended:
+                kill(victims[done], running, server)
+                done += 1
+        used = resource.getrusage(resource.RUSAGE_CHILDREN)
+        counts = served.request_counts()
+        cpu_s = used.ru_utime + used.ru_stime - before_s
+        truth = _against_truth(shop, folder / "out")
+        columns = [shop.products, counts.total(), round(1000 * cpu_s / counts.total(), 1), round(peak_kib / 1024)]
+        columns += [truth[name] for name in ("expected", "right", "missed", "doubled")]
+        twice = sum(count - 1 for path, count in counts.items() if path.startswith("/item/"))
+        print(" | ".join(map(str, columns)), f"({done} kills; {twice} product pages requested again)", flush=True)
+    finally:
+        for process in running.values():
+            process.kill()
+            process.wait()
+        server.stop()
+        served.close()
+
+
+def start(base: str, folder: Path, redis: str, worker: str) -> subprocess.Popen[bytes]:
+    """Start a worker, which continues its work of an earlier run."""
+    words = ["crawl", "generic", "--out", folder / "out", "--start-url", f"{base}/list/0", "--contact", "a@example.org"]
+    words += ["--delay", 0, "--private", "--json", "--redis", redis, "--worker", worker]
+    words += ["--resume"] if (folder / "out" / worker / "frontier.sqlite").exists() else []
+    environment = os.environ | {"METRIC_TREE_LEASE_SECONDS": LEASE_S}
+    with (folder / f"{worker}.log").open("ab") as log:
+        return subprocess.Popen(ours("metric-tree", *words), env=environment, stdout=log, stderr=log)
+
+
+def kill(victim: str, running: dict[str, subprocess.Popen[bytes]], server: RedisServer) -> None:
+    """Kill a process, and start Redis again with the data of its disk."""
+    if victim == "redis":
+        server.stop(keep=True)
+        server.start()
+    else:
+        running[victim].kill()
+        running[victim].wait()
+
+
+if __name__ == "__main__":
+    main()

@@ -13,7 +13,6 @@ import os
 import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from contextvars import ContextVar
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +28,7 @@ COMPLETION_MARK = "manifest.json"
 #: Temporary folders with fetched inputs, by path and part of `fetched`.
 _FETCHED: dict[tuple[Path, str], Path] = {}
 #: URLs and local paths of the outputs of a command.
-_STAGED: ContextVar[list[tuple[Path, Path]] | None] = ContextVar("staged_outputs", default=None)
+_STAGED: list[tuple[Path, Path]] = []
 
 
 def is_remote(path: Path) -> bool:
@@ -133,7 +132,7 @@ def fetched(path: Path, part: str = "") -> Path:
     from tempfile import mkdtemp
 
     files = [file for file in remote_files(path) if part in file.as_posix()[len(path.as_posix()) :]]
-    atexit.register(remove_fetched)
+    atexit.register(_remove_fetched)
     _FETCHED[path, part] = Path(mkdtemp(prefix="metric-tree-"))
     target = _FETCHED[path, part] / path.name
     copies = [inside(target, file.relative_to(path).as_posix()) if file != path else target for file in files]
@@ -165,10 +164,7 @@ def staged(path: Path, option: str, *, may_exist: bool) -> Path:
     cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "metric-tree" / "outputs"
     local = cache / hashlib.sha256(url_of(path).encode()).hexdigest()[:16] / path.name
     local.parent.mkdir(parents=True, exist_ok=True)
-    outputs = _STAGED.get()
-    if outputs is None:
-        raise RuntimeError("outputs at URLs are uploaded by `with_remote_files`")
-    outputs.append((path, local))
+    _STAGED.append((path, local))
     return local
 
 
@@ -182,11 +178,10 @@ def with_remote_files(run: Callable[[], int]) -> int:
     InputError
         The store cannot be written; the outputs are in the local folder that the message names.
     """
-    outputs: list[tuple[Path, Path]] = []
-    _STAGED.set(outputs)
+    _STAGED.clear()
     try:
         status = run()
-        for path, local in outputs:
+        for path, local in _STAGED:
             if not local.exists():  # a part of a build, or no result
                 continue
             files = [file for file in local.parent.rglob("*") if file.is_file() and not file.name.startswith(".")]
@@ -197,10 +192,10 @@ def with_remote_files(run: Callable[[], int]) -> int:
             shutil.rmtree(local.parent)
         return status
     finally:
-        remove_fetched()
+        _remove_fetched()
 
 
-def remove_fetched() -> None:
+def _remove_fetched() -> None:
     """Remove the copies of inputs."""
     while _FETCHED:
         shutil.rmtree(_FETCHED.popitem()[1], ignore_errors=True)

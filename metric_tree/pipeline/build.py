@@ -200,14 +200,9 @@ def build_release(
     >>> build.release.manifest["counts"]["leaves"] > 0
     True
     """
-    if out.exists():
-        raise InputError(f"{out}: already exists; expected a new path for a release")
-    files = raw_files(raw)
-    declared = {source.id: source for source in sources()} if declared is None else declared
+    files, declared, curated_lines, key = _prepared(raw, out, options, curated, declared, carried)
     _check_private(options.private, files)
-    curated_lines = "".join(f"{item.line()}\n" for item in curated)
     log = log or out.with_name(f"{out.name}.build")
-    key = _key(files, options, declared, curated_lines, carried)
     with sole_writer(out), _removed_after_an_error(log), BuildFolder.open(log / "work", key) as work:
         run = BuildRun(options, taxonomy, declared, carried, executor or SerialExecutor(), progress, work)
         counts = ingest(run, files, curated_lines)
@@ -248,12 +243,7 @@ def ingest_part(
     InputError
         As of `build_release`, or the work folder contains work of another build.
     """
-    if out.exists():
-        raise InputError(f"{out}: already exists; expected a new path for a release")
-    files = raw_files(raw)
-    declared = {source.id: source for source in sources()} if declared is None else declared
-    curated_lines = "".join(f"{item.line()}\n" for item in curated)
-    key = _key(files, options, declared, curated_lines, carried)
+    files, declared, _, key = _prepared(raw, out, options, curated, declared, carried)
     with BuildFolder.open((log or out.with_name(f"{out.name}.build")) / "work", key, is_shared=True) as work:
         run = BuildRun(options, taxonomy, declared, carried, executor or SerialExecutor(), progress, work)
         return ingest(run, files, "", part)
@@ -456,16 +446,23 @@ def _check_private(private: Sequence[str], files: Iterable[Path]) -> None:
         raise InputError(f"--include-withheld: expected sources of the raw items ({known}); found {', '.join(missing)}")
 
 
-def _key(
-    files: Sequence[Path],
+def _prepared(
+    raw: Sequence[Path],
+    out: Path,
     options: BuildOptions,
-    declared: Mapping[str, Source],
-    curated_lines: str,
+    curated: Iterable[RawItem],
+    declared: Mapping[str, Source] | None,
     carried: Release | None,
-) -> str:
-    """Return the key of the work of a build, which depends neither on its date nor on the name of the release."""
+) -> tuple[list[Path], Mapping[str, Source], str, str]:
+    """Return raw files, sources, lines of the curated items, and key of the work; it does not depend on the date."""
+    if out.exists():
+        raise InputError(f"{out}: already exists; expected a new path for a release")
+    files = raw_files(raw)
+    declared = {source.id: source for source in sources()} if declared is None else declared
+    curated_lines = "".join(f"{item.line()}\n" for item in curated)
     content = replace(options, version="", created="", name="")
-    return fingerprint(files, repr((content, sorted(declared.items()), curated_lines, carried)))
+    key = fingerprint(files, repr((content, sorted(declared.items()), curated_lines, carried)))
+    return files, declared, curated_lines, key
 
 
 @contextmanager

@@ -19,12 +19,11 @@ from typing import Any
 
 from metric_base.errors import InputError
 from metric_base.folders import data_folder
-from metric_base.remote import fetched
+from metric_base.remote import CACHE_VARIABLE, fetched
 from metric_tree.release.release import MANIFEST, BadRelease, open_release, sha256
 
-#: Environment variables: path or address of the registry, folder of downloaded releases, and folders with further
-#: releases, separated as in PATH.
-REGISTRY_VARIABLE, CACHE_VARIABLE, PATH_VARIABLE = "METRIC_TREE_REGISTRY", "METRIC_TREE_CACHE", "METRIC_TREE_PATH"
+#: Environment variables: path or address of the registry, and folders with further releases, separated as in PATH.
+REGISTRY_VARIABLE, PATH_VARIABLE = "METRIC_TREE_REGISTRY", "METRIC_TREE_PATH"
 SCHEMA = "metric-tree/registry/1"
 #: Maximum number of seconds without a byte from a server.
 TIMEOUT_S = 30.0

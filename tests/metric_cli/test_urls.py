@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 import gzip
+import json
 from functools import partial
 from pathlib import Path
 
+import pyarrow.parquet as pq
 import pytest
 
 import metric_cli.subcommands.data.build as command
 from metric_base import remote
+from metric_cli.estimate_scale.estimate import main as estimate_scale
 from metric_cli.subcommands import main
 from metric_tree.pipeline import ingest
 from metric_tree.pipeline.build import build_release
 from tests.support.s3_server import faulty_proxy, s3_server
 from tests.synthetic import minitree
 from tests.synthetic.raw_fixture import SOURCES, synthetic_items, written
+from tests.synthetic.small_scene import write_small_scene
 from tests.synthetic.small_taxonomy import small_taxonomy
 
+SCENES = [(0, "scenes/colmap"), (1, "none")]
 SECRET = "not-a-real-secret-5f1d"
 
 
@@ -35,7 +40,7 @@ def store(server, tmp_path, monkeypatch):
     monkeypatch.setenv("AWS_ACCESS_KEY_ID", "id")
     monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", SECRET)
     monkeypatch.setenv("AWS_DEFAULT_REGION", "us-east-1")
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setenv("METRIC_TREE_CACHE", str(tmp_path / "cache"))
     use_port(monkeypatch, server)
     system = s3fs.S3FileSystem(endpoint_url=f"http://127.0.0.1:{server}", use_listings_cache=False)
     if system.exists("bucket"):
@@ -159,3 +164,27 @@ def test_a_release_at_a_url_answers_queries(store, tmp_path, capsys):
     assert main(["query", "chair", "--tree", str(folder), "--json"]) == 0
     assert capsys.readouterr().out == with_url
     assert remote._FETCHED == {}
+
+
+def test_scenes_of_a_batch_and_their_results_at_urls(store, tmp_path, capsys):
+    """A scene is read from a URL, its result and the table of the batch are written to URLs; nothing remains here."""
+    write_small_scene(tmp_path / "small")
+    store.put(str(tmp_path / "small" / "colmap"), "bucket/scenes/", recursive=True)
+    rows = ["scene,instances,output"]
+    rows += [
+        f"s3://bucket/{name},s3://bucket/scenes/colmap/instances.json,s3://bucket/{number}.json"
+        for number, name in SCENES
+    ]
+    (tmp_path / "list.csv").write_text("\n".join(rows), encoding="utf-8")
+    words = ["--batch", str(tmp_path / "list.csv"), "--out", "s3://bucket/results.parquet", "--jobs", "1"]
+    assert estimate_scale(words) == 2
+    assert "s3://bucket/none: expected an existing file or folder; found none" in capsys.readouterr().err
+    store.get_file("bucket/results.parquet", str(tmp_path / "results.parquet"))
+    table = pq.read_table(tmp_path / "results.parquet").to_pylist()
+    assert [(row["scene"], row["exit_status"] in (0, 3)) for row in table] == [
+        ("s3://bucket/scenes/colmap", True),
+        ("s3://bucket/none", False),
+    ]
+    assert json.loads(store.cat_file("bucket/0.json"))["schema"].startswith("metric-tree/scale/")
+    assert not store.exists("bucket/1.json")
+    assert estimate_scale([*words[:-2], "--overwrite"]) == 2

@@ -10,12 +10,13 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 
+from msgspec.structs import asdict
+
 from explorer.catalogue import ReleaseCatalogue
-from explorer.responses import labels_by_list, medians, size_answer, tree_reference
+from explorer.responses import labels_by_list, reference, size_answer, tree_reference
 from explorer.schemas import SearchAnswer, SearchHit, SearchQuery
 from metric_base.errors import InputError
 from metric_tree.node import Meaning, UnknownName
-from metric_tree.reports.stated_axes import axis_names
 from taxonomy.words.spelling import plain_fold
 
 _SIZES = r"(?:sizes?|height|width|length|depth|dimensions?|diameter|thickness|measurements?)"
@@ -77,16 +78,7 @@ def search_response(catalogue: ReleaseCatalogue, query: SearchQuery) -> SearchAn
         nodes = (meaning.node, *(node for node in nodes if node.node_id != meaning.node.node_id))[: query.limit]
         answer = size_answer(catalogue, meaning.node, meaning.how in TAKEN)
     hits = [
-        SearchHit(
-            node.node_id,
-            node.name,
-            list(node.path),
-            catalogue.tier(node),
-            node.n_items,
-            medians(catalogue, node),
-            dict(axis_names(node)),
-            labels_by_list(catalogue, node),
-        )
+        SearchHit(**asdict(reference(catalogue, node)), path=list(node.path), labels=labels_by_list(catalogue, node))
         for node in nodes
     ]
     return SearchAnswer(tree=tree_reference(catalogue.tree), query=query.q, answer=answer, hits=hits)

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
-from msgspec import UNSET, structs
+from msgspec import structs
 
 from explorer import schemas
 from explorer.catalogue import ReleaseCatalogue
@@ -153,24 +153,19 @@ def node_response(catalogue: ReleaseCatalogue, node: Node, _: schemas.NoQuery | 
     if catalogue.images(node):
         links["images"] = f"{url}/images.json"
     return schemas.NodeAnswer(
+        **structs.asdict(reference(catalogue, node)),
         tree=tree_reference(catalogue.tree),
-        node=node.node_id,
-        name=node.name,
         synset=node.synset,
-        level=node.level,
         path=list(node.path),
         path_ids=[one.node_id for one in (node, *node.ancestors())][::-1],
         aliases=list(node.aliases),
         labels=labels_by_list(catalogue, node),
         pose=node.pose,
-        tier=catalogue.tier(node),
         sentence=sentence(catalogue, node),
         note=node.note,
-        n_items=node.n_items,
         n_shipped=len(rows),
         n_images=len(catalogue.images(node)),
         dims=list(catalogue.dims(node)),
-        axis_names=dict(axis_names(node)),
         prior_dims=[list(dims) for dims in node.prior_dims],
         quantiles_mm=quantile_table(catalogue.dims(node), catalogue.quantiles(node)),
         n_sources=prior.n_sources if prior else 0,
@@ -280,8 +275,7 @@ def prior_response(
         No prior has these dimensions.
     """
     dims = tuple(dim.strip() for dim in query.dims.split(",") if dim.strip())
-    text = query.q if query.quantiles is UNSET else query.quantiles
-    quantiles = QUANTILES if text is UNSET else numbers(text, "quantiles")
+    quantiles = numbers(query.q or query.quantiles, "quantiles")
     density_at = numbers(query.density_at, "density_at")
     return queried_prior(catalogue, node, dims, query.where or None, quantiles, density_at) if node.prior_dims else None
 

@@ -47,7 +47,6 @@ class Route:
     render: Callable[..., bytes | msgspec.Struct | None]
     query: type[msgspec.Struct] | None = None  #: record of the query string; None: a query string is ignored
     response: type[msgspec.Struct] | None = None  #: record of the response; None: not described by OpenAPI
-    listed: Callable[[ReleaseCatalogue, Any], bool] | None = None  #: selects values for the static site; None: all
     is_static: bool = True  #: False if only a server has the address
     is_quick: bool = False  #: Rendering takes less time than a switch of threads.
 

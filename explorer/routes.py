@@ -18,8 +18,6 @@ from explorer.pages.templating import page_bytes
 from explorer.queries import search_response
 from explorer.route import Rendered, Route
 from explorer.search_index import name_index, size_index
-from explorer.urls import MIN_PARQUET_ROWS
-from metric_tree.node import Node
 
 ASSETS = ("style.css", "page.js", "search.js", "compare.js", "scale.js", "view3d.js", "icon.svg")
 
@@ -39,25 +37,9 @@ def _asset(name: str, _: ReleaseCatalogue) -> bytes:
     return files("explorer.pages").joinpath("assets", name).read_bytes()
 
 
-def _has_items(catalogue: ReleaseCatalogue, node: Node, min_items: int = 1) -> bool:
-    return len(catalogue.rows(node)) >= min_items
-
-
 def _plain_page(template: str, title: str, catalogue: ReleaseCatalogue) -> bytes:
     """Return a page whose text is equal for all releases, or that scripts fill."""
     return page_bytes(catalogue, template, "", title)
-
-
-def _has_prior(catalogue: ReleaseCatalogue, node: Node) -> bool:
-    return catalogue.prior(node) is not None
-
-
-def _has_images(catalogue: ReleaseCatalogue, node: Node) -> bool:
-    return bool(catalogue.images(node))
-
-
-def _has_parquet(catalogue: ReleaseCatalogue, node: Node) -> bool:
-    return _has_items(catalogue, node, MIN_PARQUET_ROWS)
 
 
 def openapi_description(catalogue: ReleaseCatalogue) -> bytes:
@@ -139,21 +121,12 @@ ROUTES: tuple[Route, ...] = (
     Route("v1/fit", fit_response, schemas.FitQuery, schemas.FitAnswer, is_static=False),
     Route("v1/sizes.csv", lambda of: tables.csv_bytes(tables.sizes_table(of))),
     Route("v1/sizes.parquet", lambda of: tables.parquet_bytes(tables.sizes_table(of))),
-    Route("v1/nodes/{slug}/sizes.csv", tables.node_sizes_csv, listed=_has_prior),
-    Route("v1/nodes/{slug}/items.csv", lambda *of: tables.csv_bytes(tables.items_table(*of)), listed=_has_items),
-    Route(
-        "v1/nodes/{slug}/items.parquet", lambda *of: tables.parquet_bytes(tables.items_table(*of)), listed=_has_parquet
-    ),
-    Route(
-        "v1/nodes/{id}/prior.json",
-        responses.prior_response,
-        schemas.PriorQuery,
-        schemas.PriorAnswer,
-        _has_prior,
-        is_quick=True,
-    ),
-    Route("v1/nodes/{id}/items.json", responses.items_response, schemas.ItemsQuery, schemas.ItemsAnswer, _has_items),
-    Route("v1/nodes/{id}/images.json", responses.images_response, schemas.NoQuery, schemas.ImagesAnswer, _has_images),
+    Route("v1/nodes/{slug}/sizes.csv", tables.node_sizes_csv),
+    Route("v1/nodes/{slug}/items.csv", tables.items_csv),
+    Route("v1/nodes/{slug}/items.parquet", tables.items_parquet),
+    Route("v1/nodes/{id}/prior.json", responses.prior_response, schemas.PriorQuery, schemas.PriorAnswer, is_quick=True),
+    Route("v1/nodes/{id}/items.json", responses.items_response, schemas.ItemsQuery, schemas.ItemsAnswer),
+    Route("v1/nodes/{id}/images.json", responses.images_response, schemas.NoQuery, schemas.ImagesAnswer),
     Route("v1/nodes/{id}.json", responses.node_response, schemas.NoQuery, schemas.NodeAnswer),
     Route("v1/vocabularies/{name}.json", responses.vocabulary_response, None, schemas.VocabularyAnswer),
 )
@@ -195,10 +168,12 @@ def render(catalogue: ReleaseCatalogue, address: str) -> Rendered | None:
 
 
 def site_addresses(catalogue: ReleaseCatalogue) -> Iterator[str]:
-    """Yield every address of the static site except those of images, grouped by parameter value."""
+    """Yield every address of the static site except those of images, grouped by parameter value.
+
+    Some have no content, such as the items of a node without any.
+    """
     for parameter, values in PARAMETERS.items():
         routes = [route for route in ROUTES if route.is_static and route.parameter == parameter]
-        for text, value in values(catalogue).items():
+        for text in values(catalogue):
             for route in routes:
-                if route.listed is None or route.listed(catalogue, value):
-                    yield route.path.replace(f"{{{parameter}}}", text)
+                yield route.path.replace(f"{{{parameter}}}", text)

@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Annotated, Any, Literal
 
 import msgspec
-from msgspec import UNSET, Meta, UnsetType
+from msgspec import Meta
 
+from metric_tree.prior import QUANTILES
 from metric_tree.tree import MAX_NAME_CHARS
 
 #: Maximum number of hits of a search, which takes some milliseconds.
@@ -65,7 +66,7 @@ class PriorAnswer(msgspec.Struct, kw_only=True):
     log_density: list[float] | None = None
 
 
-class NodeAnswer(msgspec.Struct, kw_only=True):
+class NodeAnswer(NodeRef, kw_only=True):
     """A category: its position in the tree, its sizes and their evidence.
 
     `sources` are the ids of all sources at or below it, shipped and withheld (`manifest.json` describes them);
@@ -74,23 +75,17 @@ class NodeAnswer(msgspec.Struct, kw_only=True):
 
     schema: str = "metric-tree/node/1"
     tree: TreeRef
-    node: str
-    name: str
     synset: str | None
-    level: int
     path: list[str]
     path_ids: list[str]
     aliases: list[str]
     labels: dict[str, list[str]]
     pose: str
-    tier: str
     sentence: str
     note: str | None
-    n_items: int
     n_shipped: int
     n_images: int
     dims: list[str]
-    axis_names: dict[str, str]
     prior_dims: list[list[str]]
     quantiles_mm: Quantiles
     n_sources: int
@@ -139,16 +134,10 @@ class ComparisonAnswer(msgspec.Struct, kw_only=True):
     nodes: list[ComparedNode]
 
 
-class SearchHit(msgspec.Struct):
-    """A node that a text may mean, with its median sizes in mm."""
+class SearchHit(NodeRef):
+    """A node that a text may mean."""
 
-    node: str
-    name: str
     path: list[str]
-    tier: str
-    n_items: int
-    median_mm: dict[str, float]
-    axis_names: dict[str, str]
     labels: dict[str, list[str]]
 
 
@@ -244,8 +233,8 @@ class FitQuery(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     ] = ""
 
 
+_QUANTILES = ",".join(f"{q:g}" for q in QUANTILES)
 _Where = Annotated[str, Meta(description="region and year, or one of them", examples=["region=europe,year=2011"])]
-_Quantiles = Annotated[str, Meta(description="numbers between 0 and 1", examples=["0.05,0.5,0.95"])]
 
 
 class PriorQuery(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -258,11 +247,11 @@ class PriorQuery(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         str, Meta(description="dimensions: length, width, height or extent1, extent2, extent3", examples=["height"])
     ] = ""
     where: _Where = ""
-    quantiles: _Quantiles | UnsetType = UNSET
+    quantiles: Annotated[str, Meta(description="numbers between 0 and 1", examples=["0.05,0.5,0.95"])] = _QUANTILES
     density_at: Annotated[
         str, Meta(description="sizes in mm, one number per dimension and then the next size", examples=["900,950"])
     ] = ""
-    q: str | UnsetType = UNSET
+    q: str = ""
 
 
 _Cursor = Annotated[str, Meta(pattern=r"^(p[1-9]\d{0,5})?$")]

@@ -71,6 +71,5 @@ def _start_worker(directories: Sequence[Path], place: int) -> None:
 def _write(folder: Path, addresses: Sequence[str]) -> None:
     for address in addresses:
         rendered = render(_worker["catalogue"], address)
-        if rendered is None:
-            raise RuntimeError(f"{address}: the site lists an address without content")
-        (folder / address).write_bytes(rendered.body)
+        if rendered is not None:
+            (folder / address).write_bytes(rendered.body)

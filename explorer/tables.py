@@ -11,6 +11,7 @@ import pyarrow.parquet as pq
 
 from explorer.catalogue import ReleaseCatalogue
 from explorer.responses import quantile_table, vocabulary_response
+from explorer.urls import MIN_PARQUET_ROWS
 from metric_base.records import csv_text
 from metric_tree.axes import DIMENSIONS
 from metric_tree.node import Node
@@ -30,13 +31,25 @@ def parquet_bytes(table: pa.Table) -> bytes:
     return sink.getvalue()
 
 
-def items_table(catalogue: ReleaseCatalogue, node: Node) -> pa.Table:
-    """Return the published items at or below a node."""
-    return catalogue.published(catalogue.rows(node))
+def items_csv(catalogue: ReleaseCatalogue, node: Node) -> bytes | None:
+    """Return the published items at or below a node as CSV, None without items."""
+    rows = catalogue.rows(node)
+    return csv_bytes(catalogue.published(rows)) if len(rows) else None
 
 
-def node_sizes_csv(catalogue: ReleaseCatalogue, node: Node) -> bytes:
-    """Return the quantiles of a node in mm as CSV, a row for each dimension with its name in everyday use."""
+def items_parquet(catalogue: ReleaseCatalogue, node: Node) -> bytes | None:
+    """Return the published items at or below a node as Parquet, None with fewer than `MIN_PARQUET_ROWS`."""
+    rows = catalogue.rows(node)
+    return parquet_bytes(catalogue.published(rows)) if len(rows) >= MIN_PARQUET_ROWS else None
+
+
+def node_sizes_csv(catalogue: ReleaseCatalogue, node: Node) -> bytes | None:
+    """Return the quantiles of a node in mm as CSV, a row for each dimension with its name in everyday use.
+
+    None without a prior.
+    """
+    if not catalogue.dims(node):
+        return None
     sizes, names = quantile_table(catalogue.dims(node), catalogue.quantiles(node)), axis_names(node)
     head = ["dimension", "everyday_name", *(f"q{round(100 * q):02d}_mm" for q in QUANTILES)]
     return csv_text(head, ([dim, names.get(dim, dim), *row.values()] for dim, row in sizes.items()))

@@ -87,8 +87,8 @@ def node_page(catalogue: ReleaseCatalogue, node: Node) -> bytes:
     withheld = [catalogue.sources[name] for name in named if catalogue.sources.get(name, {}).get("withheld")]
     n_unnamed = max(0, answer.n_sources - len(source_rows) - len(withheld))
     siblings = node.parent.children if node.parent else ()
-    is_listed = ~np.isin(kinds, _JUDGED) if not np.isin(kinds, _JUDGED).all() else np.ones(len(rows), dtype=bool)
-    listed_dim = main_dimension(answer.dims)
+    is_judged = np.isin(kinds, _JUDGED)
+    is_listed = ~is_judged | is_judged.all()
     report = f"Node: {node.node_id}\nRelease: {catalogue.tree.version}\n\nWhat is wrong:\n\nA source:\n"
     return page_bytes(
         catalogue,
@@ -120,9 +120,8 @@ def node_page(catalogue: ReleaseCatalogue, node: Node) -> bytes:
         children=category_bars(catalogue, node.children, node),
         siblings=category_bars(catalogue, siblings, node) if len(siblings) > 1 else None,
         pictures=images_to_scale(catalogue, node),
-        items=items_by_size(catalogue, rows[is_listed], sizes[is_listed], listed_dim),
+        items=items_by_size(catalogue, rows[is_listed], sizes[is_listed]),
         n_listed=int(is_listed.sum()),
-        listed_dim=names.get(listed_dim, listed_dim) if listed_dim in AXES else "side",
         max_loaded=MAX_LOADED_ITEMS,
         dims_code="(" + ", ".join(f'"{dim}"' for dim in answer.dims) + ("," if len(answer.dims) == 1 else "") + ")",
         outside=outside_links(catalogue, node),
@@ -272,15 +271,9 @@ def images_to_scale(catalogue: ReleaseCatalogue, node: Node) -> list[dict[str, A
     return images
 
 
-def items_by_size(catalogue: ReleaseCatalogue, rows: IntArray, sizes: FloatArray, dim: str) -> list[dict[str, Any]]:
-    """Return at most `MAX_ITEMS` of the items (rows of the table) by decreasing size, evenly by rank.
-
-    The size of an item is its dimension `dim` if it is an axis and known, otherwise the longest side.
-    """
+def items_by_size(catalogue: ReleaseCatalogue, rows: IntArray, sizes: FloatArray) -> list[dict[str, Any]]:
+    """Return at most `MAX_ITEMS` of the items (rows of the table) from the largest to the smallest, evenly by rank."""
     largest = np.nanmax(np.nan_to_num(sizes), axis=1) if len(rows) else np.zeros(0)
-    if dim in AXES:
-        known = sizes[:, DIMENSIONS.index(dim)]
-        largest = np.where(np.isnan(known), largest, known)
     order = np.argsort(-largest, kind="stable")
     items = []
     for row in rows[order[np.linspace(0, len(order) - 1, min(MAX_ITEMS, len(order))).astype(int)]]:

@@ -96,11 +96,11 @@ def test_items_are_from_the_largest_to_the_smallest(
     rows = catalogue.rows(catalogue.nodes["swivel_chair.n.01"])
     heights = sorted(catalogue.items["height_mm"].take(rows).to_pylist(), reverse=True)
     monkeypatch.setattr("explorer.pages.node_page.MAX_ITEMS", len(rows))
-    assert [item["height_mm"] for item in items_by_size(catalogue, rows, catalogue.sizes[rows], "height")] == heights
+    assert [item["height_mm"] for item in items_by_size(catalogue, rows, catalogue.sizes[rows])] == heights
     monkeypatch.setattr("explorer.pages.node_page.MAX_ITEMS", 2)
-    shown = items_by_size(catalogue, rows, catalogue.sizes[rows], "height")
+    shown = items_by_size(catalogue, rows, catalogue.sizes[rows])
     assert [item["height_mm"] for item in shown] == [heights[0], heights[-1]]
-    assert items_by_size(catalogue, rows[:0], catalogue.sizes[rows[:0]], "height") == []
+    assert items_by_size(catalogue, rows[:0], catalogue.sizes[rows[:0]]) == []
 
 
 def test_ranges_and_defaults_are_no_listed_items(catalogue: ReleaseCatalogue, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -110,7 +110,7 @@ def test_ranges_and_defaults_are_no_listed_items(catalogue: ReleaseCatalogue, mo
     kinds[rows[0]] = "judged"
     monkeypatch.setitem(catalogue.__dict__, "kinds", kinds)
     page = node_page(catalogue, node).decode()
-    assert f"</span> of {len(rows) - 1} shipped items, from the largest height to the smallest. 1 rows with" in page
+    assert f"</span> of {len(rows) - 1} shipped items, from the largest to the smallest. 1 rows with" in page
     kinds[:] = "judged"
     assert f"</span> of {len(rows)} shipped items" in node_page(catalogue, node).decode()
 

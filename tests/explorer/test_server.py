@@ -166,7 +166,10 @@ def test_compressed_and_plain_responses_have_different_etags(base: str) -> None:
         ("items=0-3", 200, slice(None)),
     ],
 )
-def test_ranges_of_bytes_for_remote_readers(base: str, asked: str, status: int, part: slice | None) -> None:
+def test_ranges_of_bytes_for_remote_readers(
+    base: str, monkeypatch: pytest.MonkeyPatch, asked: str, status: int, part: slice | None
+) -> None:
+    monkeypatch.setattr("explorer.tables.MIN_PARQUET_ROWS", 1)
     address = f"{base}/v1/nodes/pointer.n.01/items.parquet"
     whole = WEB.get(address)
     answer = WEB.get(address, headers={"range": asked})

@@ -145,7 +145,7 @@ def test_a_comparison_of_categories_has_9_rows(catalogue: ReleaseCatalogue, n: i
 @pytest.mark.parametrize(("n", "n_shown"), [(15, 15), (16, 16), (17, 16)])
 def test_a_page_shows_16_items(catalogue: ReleaseCatalogue, n: int, n_shown: int) -> None:
     rows = np.resize(catalogue.rows(catalogue.nodes[NODE]), n)
-    assert len(items_by_size(catalogue, rows, catalogue.sizes[rows], "height")) == n_shown
+    assert len(items_by_size(catalogue, rows, catalogue.sizes[rows])) == n_shown
 
 
 @pytest.mark.parametrize(("n", "has_chart"), [(4, False), (5, True)])
@@ -252,7 +252,7 @@ def test_an_item_has_three_sizes_and_a_title_of_90_characters(
     fields = {"extents_mm": extents_mm, "title": "t" * 91, "item_id": "a", "url": "ftp://x"}
     item = {**fields, "length_mm": None, "width_mm": None, "height_mm": None}
     catalogue = cast(ReleaseCatalogue, SimpleNamespace(items=pa.Table.from_pylist([item])))
-    (shown,) = items_by_size(catalogue, np.array([0]), np.full((1, 6), np.nan), "height")
+    (shown,) = items_by_size(catalogue, np.array([0]), np.full((1, 6), np.nan))
     assert (shown["sizes"], shown["title"], shown["url"]) == (sizes, "t" * 90, "")
 
 

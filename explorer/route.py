@@ -27,14 +27,6 @@ MEDIA_TYPES = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Rendered:
-    """The bytes at an address, and their media type."""
-
-    body: bytes
-    media_type: str
-
-
 @dataclass(frozen=True)
 class Route:
     """An address of a release, with at most one parameter in braces (a key of `explorer.routes.PARAMETERS`).
@@ -77,12 +69,10 @@ class Route:
             known = ", ".join(self.query.__struct_fields__) or "none"
             raise InputError(f"query string: {error} (parameters of this address: {known})") from None
 
-    def content(self, catalogue: ReleaseCatalogue, value: Any, query: msgspec.Struct | None = None) -> Rendered | None:
+    def content(self, catalogue: ReleaseCatalogue, value: Any, query: msgspec.Struct | None = None) -> bytes | None:
         """Return the content for a value of the parameter, None if the address does not exist."""
         values: tuple[Any, ...] = (value,) if self.parameter else ()
         if self.query is not None:
             values += (query if query is not None else msgspec.convert({}, self.query),)
         made = self.render(catalogue, *values)
-        if made is None:
-            return None
-        return Rendered(made if isinstance(made, bytes) else msgspec.json.encode(made), self.media_type)
+        return msgspec.json.encode(made) if isinstance(made, msgspec.Struct) else made

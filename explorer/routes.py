@@ -16,7 +16,7 @@ from explorer.pages import release_pages as pages
 from explorer.pages.node_page import node_page
 from explorer.pages.templating import page_bytes
 from explorer.queries import search_response
-from explorer.route import Rendered, Route
+from explorer.route import Route
 from explorer.search_index import name_index, size_index
 
 ASSETS = ("style.css", "page.js", "search.js", "compare.js", "scale.js", "view3d.js", "icon.svg")
@@ -152,7 +152,7 @@ def find_route(catalogue: ReleaseCatalogue, address: str) -> tuple[Route, str, A
     return None
 
 
-def render(catalogue: ReleaseCatalogue, address: str) -> Rendered | None:
+def render(catalogue: ReleaseCatalogue, address: str) -> bytes | None:
     """Return the content of an address of a release (`nodes/chair.n.01.html`), None if the address does not exist.
 
     Raises
@@ -161,10 +161,7 @@ def render(catalogue: ReleaseCatalogue, address: str) -> Rendered | None:
         The release has no node of the address.
     """
     found = find_route(catalogue, address)
-    if found is None:
-        return None
-    route, _, value = found
-    return route.content(catalogue, value)
+    return None if found is None else found[0].content(catalogue, found[2])
 
 
 def site_addresses(catalogue: ReleaseCatalogue) -> Iterator[str]:

@@ -72,4 +72,4 @@ def _write(folder: Path, addresses: Sequence[str]) -> None:
     for address in addresses:
         rendered = render(_worker["catalogue"], address)
         if rendered is not None:
-            (folder / address).write_bytes(rendered.body)
+            (folder / address).write_bytes(rendered)

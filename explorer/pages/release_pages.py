@@ -184,31 +184,12 @@ def home_page(catalogue: ReleaseCatalogue) -> bytes:
         "How large are things?",
         counts=catalogue.tree.release.manifest["counts"],
         example=slug((nodes or [catalogue.tree.root])[0].node_id),
-        cards=[
-            {
-                "name": shown_name(node),
-                "href": page_of(node.node_id),
-                "tier": catalogue.tier(node),
-                "sentence": all_axes_text(node, medians(catalogue, node)),
-            }
-            for node in nodes
-        ],
-        realms=[
-            {"name": node.name, "href": page_of(node.node_id), "n_items": node.n_items}
-            for node in sorted(catalogue.tree.root.children, key=lambda node: -node.n_items)
-        ],
+        cards=[(node, shown_name(node), all_axes_text(node, medians(catalogue, node))) for node in nodes],
+        realms=sorted(catalogue.tree.root.children, key=lambda node: -node.n_items),
         tier_rows=[
             (tier, meaning, counts[tier]) for tier, meaning in MEANINGS.items() if tier in TIERS or counts[tier]
         ],
-        releases=[{"name": label(catalogue.tree), "href": "index.html", "changes": None}]
-        + [
-            {
-                "name": label(tree),
-                "href": f"{catalogue.relative_root(tree)}index.html",
-                "changes": f"changes/{tree.version}.html",
-            }
-            for tree in catalogue.others
-        ],
+        releases=[(tree.version, label(tree), catalogue.relative_root(tree)) for tree in catalogue.others],
     )
 
 

@@ -79,7 +79,6 @@ class ReleaseServer:
         self.jobs = ScaleJobs(catalogue.tree.release.directory)
         self.routes = [
             Route("/v1/scale", self.scale, methods=["POST"]),
-            Route("/v1/scale", _post_only),
             Route("/{path:path}", self.get),
         ]
 
@@ -107,6 +106,8 @@ class ReleaseServer:
                 return _nothing(request)
             max_age = f"public, max-age={IMAGE_MAX_AGE_S}"
             return file_response(request, file, MEDIA_TYPES[file.suffix[1:]], **{"cache-control": max_age})
+        if address == "v1/scale":
+            raise HTTPException(405, headers={"allow": "POST"})
         if address == "" or address.endswith("/"):
             address += "index.html"
         found = find_route(self.catalogue, address)
@@ -122,7 +123,7 @@ class ReleaseServer:
         rendered = render() if route.is_quick else await run_in_threadpool(render)
         if rendered is None:
             return _nothing(request)
-        return Response(rendered.body, headers={**HEADERS, "content-type": rendered.media_type})
+        return Response(rendered, headers={**HEADERS, "content-type": route.media_type})
 
     def file(self, route: Address, text: str, value: Any) -> Path | None:
         """Return the file with the content of a route, written if it does not exist; None without content."""
@@ -133,7 +134,7 @@ class ReleaseServer:
             if rendered is None:
                 return None
             file.parent.mkdir(parents=True, exist_ok=True)
-            write_whole(file, rendered.body)
+            write_whole(file, rendered)
         return file
 
     async def scale(self, request: Request) -> Response:
@@ -283,10 +284,6 @@ async def _http_error(request: Request, error: Exception) -> Response:
 def _nothing(request: Request) -> Response:
     path = request.url.path[:200]
     return problem(404, f"nothing is at {path}", path)
-
-
-async def _post_only(_: Request) -> Response:
-    raise HTTPException(405, headers={"allow": "POST"})
 
 
 async def _disconnected(_: Request, __: Exception) -> Response:

@@ -308,7 +308,7 @@ def test_the_sliders_of_a_region_and_a_year(browser: Browser, tmp_path: Path) ->
     for address in ("nodes/car.n.01.html", "assets/page.js", "assets/style.css"):
         made = render(catalogue, address)
         assert made is not None
-        (tmp_path / address).write_bytes(made.body)
+        (tmp_path / address).write_bytes(made)
     see(browser, (tmp_path / "nodes" / "car.n.01.html").as_uri())
     median = "Number(document.querySelector('#context-rows data').value)"
     years = int(browser.run("document.getElementById('year').max"))

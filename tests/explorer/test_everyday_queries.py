@@ -94,7 +94,7 @@ def test_the_browser_finds_the_same(shipped: ReleaseCatalogue, tmp_path: Path) -
     for address in addresses:
         made = render(shipped, address)
         assert made is not None
-        (tmp_path / address).write_bytes(made.body)
+        (tmp_path / address).write_bytes(made)
     names = random.Random(46).sample([name for name, _ in shipped.tree.names()], 60)
     queries = [
         *QUERIES,

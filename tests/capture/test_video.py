@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from capture.sources import video
 from capture.sources.video import Video
 from metric_base.errors import InputError
 from tests.synthetic.videos import times_of, write_video
@@ -113,3 +116,27 @@ def test_sound_alone_is_no_video(tmp_path: Path) -> None:
         container.mux(stream.encode())
     with pytest.raises(InputError, match="a video stream"):
         Video(file)
+
+
+@pytest.mark.parametrize(
+    ("shape", "width"),
+    [("1", 160), ("4/3", 213), ("8", 1280), ("1/8", 20), ("9", None), ("1/9", None)],
+)
+def test_pixels_of_a_video_may_be_eight_times_as_wide_as_high(tmp_path: Path, shape: str, width: int | None) -> None:
+    file = tmp_path / "a.mp4"
+    write_video(file, _pictures(2), times_of(2), colour={"sample_aspect_ratio": Fraction(shape)})
+    with nullcontext() if width is not None else pytest.raises(InputError, match="pixels of a shape below 8:1"):
+        film = Video(file)
+        assert (film.width, film.height) == (width, HEIGHT)
+        assert next(iter(film.frames())).colour.shape == (HEIGHT, width, 3)
+
+
+@pytest.mark.parametrize(("pixels", "is_read"), [(WIDTH * HEIGHT, True), (WIDTH * HEIGHT - 1, False)])
+def test_frames_of_a_video_have_a_maximum_of_pixels(
+    tmp_path: Path, pixels: int, is_read: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As many as the frames of this video have, because an encoder takes seconds for 64 megapixels."""
+    write_video(tmp_path / "a.mp4", _pictures(1), times_of(1))
+    monkeypatch.setattr(video, "MAX_PIXELS", pixels)
+    with nullcontext() if is_read else pytest.raises(InputError, match=f"frames of at most {pixels:,} pixels"):
+        assert Video(tmp_path / "a.mp4").width == WIDTH

@@ -94,6 +94,7 @@ def test_wild_texture_coordinates_take_no_minutes() -> None:
         Material(np.ones(4), base_texture=texture),
     )
     assert len(list(studio_views(gl_context(), Model("box", (part,)), 64))) == 4
+    assert len(list(studio_views(gl_context(), Model("box", (part,)), 64, (0.0, 30.0)))) == 2
 
 
 @pytest.mark.parametrize("last", [4, 5])

@@ -203,9 +203,9 @@ def drawn_box(prior: Prior, table: FloatArray, names: Mapping[str, str]) -> Draw
 
 
 def context_table(node: Node, prior: Prior) -> dict[str, Any] | None:
-    """Return quantiles in mm by region and year, None if no context of the prior states one."""
-    regions = {region_of(context.region or "world") for context in prior.contexts} - {None, "world"}
-    stated_years = [context.year for context in prior.contexts if context.year is not None]
+    """Return quantiles in mm by region, country and year, None if no context of the node states one."""
+    places, stated_years = node.contexts
+    regions = {region_of(place) or place for place in places}
     if node.tree.context_model is None or not (regions or stated_years):
         return None
     years: list[int | None] = [None]
@@ -215,7 +215,7 @@ def context_table(node: Node, prior: Prior) -> dict[str, Any] | None:
         step = next(step for step in steps if (last - first) / step < MAX_YEAR_STEPS - 1)
         years = [*range(int(first // step * step), int(math.ceil(last / step) * step) + 1, step)]
     table: dict[str, list[list[list[float]]]] = {}
-    for region in ("world", *sorted(filter(None, regions))):
+    for region in ("world", *sorted(regions), *sorted({*places} - regions)):
         table[region] = []
         for year in years:
             where = Where(None if region == "world" else region, None if year is None else float(year))
@@ -226,21 +226,21 @@ def context_table(node: Node, prior: Prior) -> dict[str, Any] | None:
 
 
 def images_to_scale(catalogue: ReleaseCatalogue, node: Node) -> list[dict[str, Any]]:
-    """Return a cut-out image of each item with the size of the item, all drawn to the same scale.
+    """Return a cut-out image of each item, or of each model of a judged item, all drawn to the same scale.
 
     The first one is that of the item whose size is closest to the median of the category; the others follow in the
     order of the release.
     """
-    found: dict[str, tuple[dict[str, Any], dict[str, Any], float]] = {}
+    found: dict[tuple[str, str | None], tuple[dict[str, Any], dict[str, Any], float]] = {}
     for image in catalogue.images(node):
-        item_id, row = image["item_id"], catalogue.item_rows.get(image["item_id"])
+        key, row = (image["item_id"], image.get("attribution")), catalogue.item_rows.get(image["item_id"])
         has_file = image["cutout_path"] or image["path"]
-        if not has_file or row is None or item_id in found or len(found) >= 4 * MAX_IMAGES:
+        if not has_file or row is None or key in found or len(found) >= 4 * MAX_IMAGES:
             continue
         (item,) = catalogue.items.slice(row, 1).to_pylist()
         if item["extents_mm"]:
             side_px, scale = max(image["width_px"], image["height_px"]), image["pixels_per_metre"]
-            found[item_id] = (image, item, float(1000 * side_px / scale if scale else max(item["extents_mm"])))
+            found[key] = (image, item, float(1000 * side_px / scale if scale else max(item["extents_mm"])))
     if not found:
         return []
     rows = list(found.values())

@@ -24,8 +24,9 @@ from explorer.server.delivery import CompressionMiddleware
 from explorer.server.scale_jobs import ScaleJobs, ServiceUnavailable, scale_record
 from metric_base.arrays import IntArray
 from metric_base.errors import InputError
+from metric_tree.context import KnownContexts
 from metric_tree.node import Node
-from metric_tree.prior import Prior
+from metric_tree.prior import MEDIAN, Prior
 from metric_tree.tree import Tree
 
 NODE = "swivel_chair.n.01"
@@ -225,15 +226,12 @@ def test_a_message_shows_at_most_6_numbers(catalogue: ReleaseCatalogue, n: int, 
     ],
 )
 def test_years_of_a_page_have_round_steps(last: int, years: list[int]) -> None:
-    prior = SimpleNamespace(
-        contexts=[SimpleNamespace(region="europe", year=year) for year in (1900, last)],
-        dims=("height",),
-        quantiles=lambda probabilities: np.ones((1, len(probabilities))),
-    )
-    node = SimpleNamespace(tree=SimpleNamespace(context_model=object()), prior=lambda *_: prior)
+    prior = SimpleNamespace(dims=("height",), quantiles=lambda probabilities: np.ones((1, len(probabilities))))
+    contexts = KnownContexts(("DE", "europe"), (1900, last))
+    node = SimpleNamespace(tree=SimpleNamespace(context_model=object()), prior=lambda *_: prior, contexts=contexts)
     table = context_table(cast(Node, node), cast(Prior, prior))
     assert table is not None
-    assert (table["years"], table["regions"]) == (years, ["world", "europe"])
+    assert (table["years"], table["regions"]) == (years, ["world", "europe", "DE"])
     assert len(table["table"]["europe"]) == len(years)
 
 
@@ -260,3 +258,22 @@ def test_numbers_from_100_have_no_decimals() -> None:
     assert [number_text(value) for value in (99.94, 100.4, 0.012345, 12345.6)] == ["99.9", "100", "0.0123", "12,346"]
     assert range_text(80, 19.9) == "80 to 19.9 mm"
     assert range_text(80, 20) == "8 to 2 cm"
+
+
+def test_each_model_of_a_judged_item_has_an_image() -> None:
+    """Four views of two horses, one item: an image of each horse."""
+    views = [
+        {"item_id": "judged:horse.n.01", "attribution": name, "path": f"{name}{view}", "cutout_path": None}
+        | {"width_px": 100, "height_px": 100, "pixels_per_metre": 50.0, "licence": "CC0-1.0"}
+        for name in ("Anna", "Bert")
+        for view in (0, 1)
+    ]
+    item = {"item_id": "judged:horse.n.01", "title": "ponies", "extents_mm": [2300.0, 1750.0, 620.0], "kind": "judged"}
+    catalogue = SimpleNamespace(
+        images=lambda node: views,
+        item_rows={"judged:horse.n.01": 0},
+        items=pa.Table.from_pylist([item]),
+        quantiles=lambda node: {MEDIAN: [2300.0]},
+    )
+    images = images_to_scale(cast(ReleaseCatalogue, catalogue), cast(Node, None))
+    assert [image["path"] for image in images] == ["Anna0", "Bert0"]

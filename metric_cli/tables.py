@@ -92,11 +92,12 @@ def table_text(
     Columns of numbers are aligned to the right. None is a dash. The style of a `Cell` is shown on a terminal. Cells are
     wrapped, except in the columns named in `unbroken`.
     """
-    cells = [
-        [cell if isinstance(cell, Cell) else Cell("–" if cell is None else str(cell), "") for cell in row]
-        for row in rows
-    ]
-    cells = [[Cell(visible(cell.text), cell.style) for cell in row] for row in cells]
+
+    def cell_of(value: object) -> Cell:
+        text, style = value if isinstance(value, Cell) else ("–" if value is None else str(value), "")
+        return Cell(visible(text), style)
+
+    cells = [[cell_of(value) for value in row] for row in rows]
     numeric = [
         bool(cells) and column not in unbroken and all(is_number(row[index].text) for row in cells)
         for index, column in enumerate(columns)

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -116,12 +117,10 @@ def _fuse(
         good = sees.sum(axis=1) > MIN_AGREEING
         for other_position, other in enumerate(rows):
             if other != row:  # mark the pixels of the points, and their neighbours that the stride skips
-                height, width = taken[other].shape
-                marked = cells[other][good & sees[:, other_position]]
-                for dy in range(-(STRIDE // 2), STRIDE // 2 + 1):
-                    for dx in range(-(STRIDE // 2), STRIDE // 2 + 1):
-                        cell = np.clip(marked + np.array([dx, dy]), 0, (width - 1, height - 1))
-                        taken[other][cell[:, 1], cell[:, 0]] = True
+                x, y = cells[other][good & sees[:, other_position]].T
+                marked = np.zeros(taken[other].shape, np.uint8)
+                marked[y, x] = 1
+                taken[other] |= cv2.dilate(marked, np.ones((2 * (STRIDE // 2) + 1,) * 2, np.uint8)) > 0
         points.append(world[good])
         colours.append(view.colour[ys[good], xs[good]])
         seen.append(sees[good])

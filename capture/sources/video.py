@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -158,17 +158,13 @@ def _decode(path: Path, container: Any, stream: Any) -> Iterator[Any]:
     """Yield the frames up to the first that cannot be decoded."""
     import av
 
-    frames = container.decode(stream)
     size = None
-    while True:
-        try:
-            frame = next(frames)
-        except (StopIteration, av.error.FFmpegError):
-            return
-        size = size or (frame.width, frame.height)
-        if (frame.width, frame.height) != size:
-            raise InputError.at(path, "video", f"frames of one size, {size}", (frame.width, frame.height))
-        yield frame
+    with suppress(av.error.FFmpegError):
+        for frame in container.decode(stream):
+            size = size or (frame.width, frame.height)
+            if (frame.width, frame.height) != size:
+                raise InputError.at(path, "video", f"frames of one size, {size}", (frame.width, frame.height))
+            yield frame
 
 
 def standard_range(colour: NDArray[np.uint16], curve: str) -> NDArray[np.uint8]:

@@ -102,10 +102,7 @@ def category_of_texts(texts: Iterable[NameText], tree: Tree) -> NamedCategory:
     broader: dict[str, list[str]] = {}
     for node_id in votes:
         node = tree.node(node_id)
-        ancestors = set(node.hypernyms)
-        while node.parent is not None:
-            node = node.parent
-            ancestors.add(node.node_id)
+        ancestors = {*node.hypernyms, *(above.node_id for above in node.ancestors())}
         broader[node_id] = [other for other in votes if other in ancestors and other != node_id]
     absorbed = {other for others in broader.values() for other in others}
     totals = {k: vote + sum(votes[other] for other in broader[k]) for k, vote in votes.items() if k not in absorbed}

@@ -92,10 +92,8 @@ def lens_bend(camera: Camera) -> float:
 
 def residuals_of(scene: Scene) -> tuple[FloatArray, FloatArray, tuple[int, int]]:
     """Return the residuals and the pixels (n, 2) of all observations, and the size of the first view."""
-    residuals = []
-    for view in scene.views:
-        local = view.to_camera(scene.points[view.point_index])
-        residuals.append(project(view.camera, local) - view.keypoints)
+    seen = [(view, view.to_camera(scene.points[view.point_index])) for view in scene.views]
+    residuals = [project(view.camera, local) - view.keypoints for view, local in seen]
     camera = scene.views[0].camera
     pixels = np.concatenate([view.keypoints for view in scene.views])
     return np.concatenate(residuals), pixels, (camera.width, camera.height)

@@ -264,7 +264,7 @@ def test_each_model_of_a_judged_item_has_an_image() -> None:
     """Four views of two horses, one item: an image of each horse."""
     views = [
         {"item_id": "judged:horse.n.01", "attribution": name, "path": f"{name}{view}", "cutout_path": None}
-        | {"width_px": 100, "height_px": 100, "pixels_per_metre": 50.0, "licence": "CC0-1.0"}
+        | {"width_px": 100, "height_px": 100, "pixels_per_metre": 50.0, "source_url": "https://a.b/c"}
         for name in ("Anna", "Bert")
         for view in (0, 1)
     ]

@@ -63,7 +63,8 @@ def node_page(catalogue: ReleaseCatalogue, node: Node) -> bytes:
     drawing, plot, plot_dims, distributions = "", "", "", []
     drawn_kinds: list[str] = []
     if prior is not None:
-        drawn_kinds = [kind for kind in KINDS if prior.share_by_kind.get(kind, 0) >= MIN_DRAWN_SHARE]
+        shares = prior.share_by_kind
+        drawn_kinds = [kind for kind in KINDS if kind not in _JUDGED and shares.get(kind, 0) >= MIN_DRAWN_SHARE]
         is_drawn = np.isin(kinds, drawn_kinds)
         drawing = size_comparison(shown_name(node), drawn_box(prior, table, names))
         for place, dim in enumerate(prior.dims):
@@ -109,7 +110,7 @@ def node_page(catalogue: ReleaseCatalogue, node: Node) -> bytes:
         scatter=Markup(plot),
         scatter_dims=plot_dims,
         kinds=[kind for kind in drawn_kinds if (kinds == kind).any()],
-        omitted_kinds=sorted(set(kinds) - set(drawn_kinds)),
+        omitted_kinds=sorted(set(kinds) - {*drawn_kinds, *_JUDGED}),
         context=context_table(node, prior) if prior is not None else None,
         source_rows=source_rows,
         withheld=withheld,

@@ -68,12 +68,13 @@ def see(browser: Browser, address: str, width: int = 1200) -> None:
     browser.open(address)
 
 
+@pytest.mark.parametrize("width", [1280, 390])
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_no_page_has_an_error_or_an_obstacle(base: str, browser: Browser, scheme: str) -> None:
+def test_no_page_has_an_error_or_an_obstacle(base: str, browser: Browser, scheme: str, width: int) -> None:
     browser.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
     source, found = axe(), {}
     for page in PAGES:
-        see(browser, f"{base}/{page}")
+        see(browser, f"{base}/{page}", width)
         browser.run(source + ";0")
         asked = "axe.run({resultTypes: ['violations']}).then(r => r.violations.map(v => "
         obstacles = browser.run(asked + "v.id + ' ' + v.nodes[0].html.slice(0, 120)))")

@@ -72,6 +72,7 @@ class Photograph:
     """A photograph with its depth in metres (h, w) at half the resolution, and its masks."""
 
     source: str
+    seed: tuple[int, ...]  #: Of its simulated errors and of the choice of masks.
     size: tuple[int, int]
     focal_px: float
     depth_m: FloatArray
@@ -94,13 +95,15 @@ class Estimate:
 def room_photographs(seeds: Sequence[int]) -> Iterator[Photograph]:
     """Yield the photographs of rendered rooms."""
     for seed in seeds:
-        for kind in KINDS:
+        for number, kind in enumerate(KINDS):
             views = rendered_views(furnished_room(kind, seed), scale=1.0, views=N_VIEWS)
             size = (2 * views.depth.shape[2], 2 * views.depth.shape[1])
             masks = blurred_masks(views.instances, size, MASK_ERROR_PX, np.random.default_rng([seed, 41]))
             for row, depth in enumerate(views.depth):
                 own = tuple(replace(one, view=0) for one in masks if one.view == row)
-                yield Photograph("rendered rooms", size, 2 * float(views.intrinsics[row, 0, 0]), depth, own)
+                yield Photograph(
+                    "rendered rooms", (seed, number, row), size, 2 * float(views.intrinsics[row, 0, 0]), depth, own
+                )
 
 
 def office_photographs() -> Iterator[Photograph]:
@@ -113,7 +116,7 @@ def office_photographs() -> Iterator[Photograph]:
             depth = maps["raw"].astype(np.float64)[1::2, 1::2] * metres
         own = tuple(replace(one, view=0) for one in instances if one.view == row)
         size = (view.camera.width, view.camera.height)
-        yield Photograph("tum_office", size, view.camera.focal_px, np.where(depth > 0, depth, np.nan), own)
+        yield Photograph("tum_office", (row,), size, view.camera.focal_px, np.where(depth > 0, depth, np.nan), own)
 
 
 def network_depth(depth_m: FloatArray, generator: np.random.Generator) -> tuple[FloatArray, float]:
@@ -130,10 +133,10 @@ def network_depth(depth_m: FloatArray, generator: np.random.Generator) -> tuple[
 
 def estimates(photographs: Iterator[Photograph], tree: Tree, is_exact: bool = False) -> Iterator[Estimate]:
     """Yield the estimates of each method on each photograph, perhaps with depths without simulated errors."""
-    generator = np.random.default_rng(7)
     with tempfile.TemporaryDirectory() as name:
         image, file = Path(name) / "photo.png", Path(name) / "depth.npy"
         for photograph in photographs:
+            generator = np.random.default_rng([7, *photograph.seed])
             values, truth = network_depth(photograph.depth_m, generator)
             values, truth = (photograph.depth_m, 1.0) if is_exact else (values, truth)
             cv2.imwrite(str(image), np.zeros(photograph.size[::-1], dtype=np.uint8))

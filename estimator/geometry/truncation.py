@@ -79,8 +79,8 @@ class SideVisibility:
 
     @property
     def median_excess(self) -> FloatArray:
-        """(3, 2) median excess over the views; NaN if fewer than `MIN_COMPLETE_VIEWS` are known."""
-        is_known = np.isfinite(self.excess).sum(axis=0) >= MIN_COMPLETE_VIEWS
+        """(3, 2) median excess over the views; NaN if it is known in fewer than `MIN_COMPLETE_VIEWS` and not in all."""
+        is_known = np.isfinite(self.excess).sum(axis=0) >= min(MIN_COMPLETE_VIEWS, len(self.excess))
         filled = np.where(is_known, self.excess, 0.0)
         return np.where(is_known, np.nanmedian(filled, axis=0), np.nan)
 

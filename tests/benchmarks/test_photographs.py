@@ -20,7 +20,7 @@ def test_distances_of_masks() -> None:
     depth = np.linspace(2, 4, 30 * 40).reshape(30, 40)
     mask = np.ones((20, 20), dtype=bool)
     masks = tuple(Instance(str(x), 0, "chair", mask, (x, 10)) for x in (0, 50))
-    photograph = Photograph("test", (80, 60), 70.0, depth, masks)
+    photograph = Photograph("test", (0,), (80, 60), 70.0, depth, masks)
     assert distance_ratios(photograph, 1.2 * depth) == pytest.approx([1.2, 1.2])
     nearer = np.where(np.arange(40) < 20, 0.9 * depth, depth)
     assert distance_ratios(photograph, nearer) == pytest.approx([0.9, 1.0])

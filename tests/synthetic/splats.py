@@ -106,10 +106,13 @@ def write_cameras(scene: Scene, file: Path) -> Path:
 
 
 def render(file: Path, view: View) -> Array:
-    """Return an image (h, w) of the Gaussians of a 3DGS PLY with isotropic footprints, composed from front to back."""
+    """Return an image (h, w) of the Gaussians of a PLY with isotropic footprints, composed from front to back."""
     data = file.read_bytes()
     body = data.index(b"end_header\n") + len(b"end_header\n")
-    rows = np.frombuffer(data, "<f4", offset=body).reshape(-1, len(PROPERTIES)).astype(float)
+    if b"packed_position" in data[:body]:
+        rows = _unpacked(data, body)
+    else:
+        rows = np.frombuffer(data, "<f4", offset=body).reshape(-1, len(PROPERTIES)).astype(float)
     in_camera = view.to_camera(rows[:, :3])
     order = np.argsort(in_camera[:, 2])
     fx, fy, cx, cy = view.camera.params
@@ -122,3 +125,17 @@ def render(file: Path, view: View) -> Array:
         image += transmitted * alpha * (0.5 + 0.28 * rows[row, 6])
         transmitted *= 1 - alpha
     return image
+
+
+def _unpacked(data: bytes, body: int) -> Array:
+    """Return the Gaussians (n, 18) of a compressed PLY with grey colours."""
+    n_chunks, n = (int(line.split()[2]) for line in data[:body].splitlines() if line.startswith(b"element"))
+    corners = np.frombuffer(data, "<f4", 12 * n_chunks, body).reshape(-1, 4, 3)[np.arange(n) // 256]
+    words = np.frombuffer(data, "<u4", 4 * n, body + 48 * n_chunks).reshape(-1, 4).astype(np.int64)
+    rows = np.zeros((n, len(PROPERTIES)))
+    for columns, word, row in ((slice(0, 3), words[:, 0], 0), (slice(11, 14), words[:, 2], 2)):
+        fraction = np.column_stack([(word >> 21) / 2047, (word >> 11 & 1023) / 1023, (word & 2047) / 2047])
+        rows[:, columns] = corners[:, row] * (1 - fraction) + corners[:, row + 1] * fraction
+    opacity = (words[:, 3] & 255) / 255
+    rows[:, 10] = np.log(opacity / (1 - opacity))
+    return rows

@@ -285,3 +285,9 @@ def test_a_top_outlines_an_extent_of_at_least_half_the_height(height, needs_exce
     x, y = np.meshgrid(np.linspace(-0.6, 0.6, 20), np.linspace(-0.35, 0.35, 20))
     points = np.column_stack([x.ravel(), y.ravel(), np.full(400, 0.75)])
     assert sides_of(synthetic, 1, np.eye(3), low, high, points=points).needs_excess[1] == needs_excess
+
+
+@pytest.mark.parametrize(("excess", "truncated"), [(0.055, False), (0.065, True)])
+def test_the_excess_of_the_only_view_is_known(excess: float, truncated: bool) -> None:
+    """Of a photograph, or of an object with one mask."""
+    assert (SideVisibility(np.ones((1, 3, 2), dtype=bool), np.full((1, 3, 2), excess)).truncated == truncated).all()

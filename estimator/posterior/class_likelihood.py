@@ -195,6 +195,9 @@ def multi_object_classes(
     needed = math.ceil(float((2 * half / (MAX_KERNEL_STEP_SIGMAS * along_sd)).max()))
     n_points = min(max(MIN_CLASS_POINTS, needed), MAX_CLASS_POINTS)
     class_grids = centre[:, None] + half[:, None] * _unit_powers(n_points)[1]  # (w, h)
+    # Kernels that are narrower than the largest grids resolve (the tolerance of a norm) are widened to them: without
+    # this, the likelihood has a ripple with the step of the grid, and the posterior a mode on each crest.
+    along_sd = np.maximum(along_sd, (class_grids[:, 1] - class_grids[:, 0]) / MAX_KERNEL_STEP_SIGMAS)
     log_node, outlier = _log_products(components, nodes, hypotheses, class_grids)
     log_node += hypotheses.log_weight[:, None, None]
     top = log_node.max(axis=(1, 2))[:, None]  # (w, 1)

@@ -10,6 +10,9 @@ scene types is zero, because a property that all rooms of a source have in commo
 scene are a sample from the rates of its type; a class without a mask has no influence. One more type is unknown and
 leaves the weights unchanged.
 
+States. A bed has a headboard or none, a chair is folded or not. The prior of a node with stated states (`Node.states`)
+is a mixture of its plain prior and of the states that this prior does not describe; the likelihood decides.
+
 Hidden undersides. The height of a built-in object (a sink, a counter) is truncated, because no image shows its
 underside.
 """
@@ -53,6 +56,9 @@ UNKNOWN_TYPE_PROBABILITY = 0.1
 PROBABILITY_STEP = 0.02
 #: Minimum number of classes in the table that a scene must have; one class does not indicate a scene type.
 MIN_CLASSES = 2
+#: Probability that an object is in one of the states that its prior does not describe. Chosen on even rooms of a source
+#: that the priors do not contain (docs/evidence/calibration.md).
+STATE_PROBABILITY = 0.05
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -234,13 +240,37 @@ def prior_for_scene_type(prior: Prior, probability: tuple[float, ...], types: Sc
     return replace(prior, weights=weights / weights.sum())
 
 
+@lru_cache(maxsize=2048)
+def prior_with_states(prior: Prior, node: Node) -> Prior:
+    """Return the mixture of a prior and of the states of its node that it does not describe, with equal weights.
+
+    A state has the shared error of the class. The prior is unchanged if the node has no other state over its
+    dimensions, or if the name of the object stated a size.
+    """
+    states = [
+        state.marginal(prior.dims)
+        for name, state in node.states.items()
+        if name != node.plain_state and set(prior.dims) <= set(state.dims)
+    ]
+    if not states or node.stated is not None:
+        return prior
+    weights = np.full(len(states), STATE_PROBABILITY / len(states))
+    return replace(
+        prior,
+        weights=np.concatenate([(1 - STATE_PROBABILITY) * prior.weights, weights]),
+        means=np.concatenate([prior.means, *(state.means for state in states)]),
+        covariances=np.concatenate([prior.covariances, *(state.covariances for state in states)]),
+    )
+
+
 def object_evidence(
     objects: Sequence[MeasuredObject], matches: Mapping[str, CategoryMatch], others: Sequence[ScaleEvidence] = ()
 ) -> EvidenceSet:
     """Combine measured objects with the priors of their categories, and with other evidence.
 
     An object is used if it was measured, its category has a prior, and at least one extent that the prior contains is
-    finite and not truncated. The priors depend on the scene type that the categories indicate.
+    finite and not truncated. The priors depend on the scene type that the categories indicate, and contain the states
+    of the categories.
     """
     reasons = [item.skipped or matches[item.category].error for item in objects]
     probability = scene_type_probabilities(
@@ -252,7 +282,7 @@ def object_evidence(
         if reasons[index] is None and match.node is not None and match.prior is not None:
             judged = replace(item, score=BROADER_SCORE * item.score) if match.is_broader else item
             prior = match.prior if probability is None else prior_for_scene_type(match.prior, probability)
-            candidates[index] = ObjectEvidence(judged, prior, match.node.pose)
+            candidates[index] = ObjectEvidence(judged, prior_with_states(prior, match.node), match.node.pose)
     used: dict[int, tuple[str, ...]] = {}
     for index, in_prior in zip(candidates, usable(list(candidates.values())), strict=True):
         is_complete = in_prior & ~np.asarray(objects[index].truncated, dtype=bool)

@@ -262,3 +262,15 @@ def test_the_evidence_of_many_objects_is_that_of_25() -> None:
     ways = hypotheses(DESK)[:2]
     rows = ClassHypotheses(ways, np.array([0, 1]), np.array([20, 50]), np.arange(2), np.arange(2))
     assert rows.power.tolist() == [1.0, 0.5]
+
+
+def test_a_class_without_tolerance_has_no_ripple() -> None:
+    """Two signs of a norm with uncertain sizes: their wide range needs more points than a grid has for the tolerance."""
+    sign = replace(prior("sign", [(750, 750)], spread=0.002, shared=0.0014, dims=("length", "height")), tier="norm")
+    signs = []
+    for size, height_sigma in (((0.63, 0.15, 0.95), 0.5), ((0.59, 0.13, 0.95), 1.0)):
+        item = evidence(sign, size)
+        signs.append(replace(item, object=replace(item.object, sigma=np.array([1.0, 1.0, height_sigma]))))
+    log_likelihood = posterior(signs).class_log_likelihood[0]
+    crests = (log_likelihood[1:-1] > log_likelihood[:-2]) & (log_likelihood[1:-1] > log_likelihood[2:])
+    assert crests.sum() == 1

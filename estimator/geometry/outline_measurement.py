@@ -19,7 +19,7 @@ from estimator.geometry.planes import MAX_BELOW_FLOOR_FRACTION
 from estimator.geometry.point_noise import point_covariances
 from estimator.geometry.scene_geometry import SceneGeometry
 from estimator.projection.visibility import row_indices
-from estimator.records.objects import Box, MeasuredObject, SupportPlane
+from estimator.records.objects import BY_OUTLINES, Box, MeasuredObject, SupportPlane
 from estimator.records.scene import Instance, Scene, camera_centres
 from metric_base.arrays import BoolArray, FloatArray, IntArray, evenly_spaced
 
@@ -273,7 +273,7 @@ def combine_sizes(
         unsupported_height=item.unsupported_height if keep[2] else None,
         box=replace(box, extents=extents, axes=box.axes[order]),
         skipped=None,
-        notes=(*item.notes, "measured by its outlines"),
+        notes=(*item.notes, BY_OUTLINES),
     )
 
 

@@ -13,7 +13,7 @@ the scene have in common, the hypotheses are
                 rho = 0.5, with h = 1 for length and width: the sources disagree more than B, mainly in the footprint
 
 All hypotheses have a shared error and are integrated in the same way (`shared_error`); their evidence decides. For a
-single object, the first three are almost equal, and only `assorted` and `biased` are used.
+single object, the first three are almost equal, and only `assorted`, `mislabelled` and `biased` are used.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ def hypotheses(prior: Prior, is_open: bool = False) -> tuple[Hypothesis, ...]:
     related_prior = replace(prior, covariances=(1 - RELATED_FRACTION) * prior.covariances)
     mixture = Mixture(prior.weights, prior.means, prior.covariances)
     assorted, related, one_kind = _similarity_weights(prior)
-    mislabelled = MISLABEL_PROBABILITY if len(prior.dims) > 1 else MISLABEL_PROBABILITY_1D
+    mislabelled = mislabel_probability(prior)
     right = 1 - mislabelled
 
     def component(mean: FloatArray, covariance: FloatArray) -> Prior:
@@ -119,7 +119,7 @@ def hypotheses(prior: Prior, is_open: bool = False) -> tuple[Hypothesis, ...]:
         error = split_error(biased_error(prior) + RELATED_FRACTION * within, axes)
         plain.append(Hypothesis(related_prior, error, math.log(biased * right), is_biased=True))
     moments = reduce_mixture(mixture, 1)
-    error = split_error(between + MISLABEL_SD_LOG**2 * np.eye(len(prior.dims)), axes)
+    error = split_error(mislabelled_error(prior), axes)
     for own_fraction in (1.0, 1 - ONE_KIND_FRACTION):
         own = component(moments.means[0], own_fraction * moments.covariances[0])
         plain.append(Hypothesis(own, error, math.log(mislabelled / 2), is_mislabelled=True))
@@ -144,6 +144,16 @@ def biased_error(prior: Prior) -> FloatArray:
     """Return the covariance (d, d) of the shared error if B is too small."""
     footprint = np.array([dim in FOOTPRINT for dim in prior.dims], dtype=float)
     return np.asarray(BIAS_FACTOR * prior.disagreement() + FOOTPRINT_SD_LOG**2 * np.outer(footprint, footprint))
+
+
+def mislabel_probability(prior: Prior) -> float:
+    """Return the probability that a label means another object in this scene."""
+    return MISLABEL_PROBABILITY if len(prior.dims) > 1 else MISLABEL_PROBABILITY_1D
+
+
+def mislabelled_error(prior: Prior) -> FloatArray:
+    """Return the covariance (d, d) of the error of mislabelled objects."""
+    return np.asarray(prior.disagreement() + MISLABEL_SD_LOG**2 * np.eye(len(prior.dims)))
 
 
 def _similarity_weights(prior: Prior) -> FloatArray:

@@ -4,14 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.posterior.class_hypotheses import VERTICAL_EXTENTS, Hypothesis
-from estimator.posterior.shared_error import NodeLines, ObjectComponents, convolution, exponentials, node_lines
+from estimator.posterior.shared_error import (
+    MIN_EXPONENT,
+    NodeLines,
+    ObjectComponents,
+    convolution,
+    exponentials,
+    node_lines,
+)
 from estimator.posterior.symmetric_matrices import dot, product
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 
@@ -43,7 +50,7 @@ class SingleObjectClasses:
 
     #: (c, g)
     log_likelihood: FloatArray
-    #: (c, g) probability of an outlier at each scale.
+    #: (c, g) probability of an outlier or a mislabelled object at each scale.
     outlier: FloatArray
 
     def weights(self, mass: FloatArray) -> FloatArray:
@@ -53,9 +60,11 @@ class SingleObjectClasses:
 
 def single_object_classes(components: ObjectComponents, u: FloatArray) -> SingleObjectClasses:
     """Compute the likelihoods of single-object classes at log scales u (g,); components include the class error."""
-    floor = np.exp(components.log_floor)[:, None]
-    density = line_density(components, u) + floor  # (n, g)
-    return SingleObjectClasses(np.log(density), floor / density)
+    density = line_density(components, u) + np.exp(components.log_floor)[:, None]  # (n, g)
+    columns = components.columns.copy()
+    columns[15, components.is_mislabelled] = MIN_EXPONENT
+    right = line_density(replace(components, columns=columns), u)
+    return SingleObjectClasses(np.log(density), 1 - right / density)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

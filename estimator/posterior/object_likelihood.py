@@ -20,8 +20,15 @@ from functools import lru_cache
 import numpy as np
 
 from estimator.posterior.axis_assignments import TRUNCATION_MIXTURE, Layout, Variants, is_sorted, prior_axes, variants
-from estimator.posterior.class_hypotheses import MAX_KINDS, Hypothesis, bias_probability, biased_error
-from estimator.posterior.shared_error import ObjectComponents, shared_error
+from estimator.posterior.class_hypotheses import (
+    MAX_KINDS,
+    Hypothesis,
+    bias_probability,
+    biased_error,
+    mislabel_probability,
+    mislabelled_error,
+)
+from estimator.posterior.shared_error import ObjectComponents, split_error
 from estimator.posterior.symmetric_matrices import DIAGONAL, OFF_DIAGONAL, dot, inverse, pack, product, row_sums, total
 from estimator.records.objects import MeasuredObject
 from metric_base.arrays import BoolArray, FloatArray, IntArray
@@ -32,9 +39,8 @@ from metric_tree.prior import Prior
 #: Probability that an object does not match its label, or is not measured within its sigma. On simulated scenes, the
 #: medians for 0.02 to 0.1 agree within 0.4 %; with 20 % wrong labels, the coverage of the interval is best at 0.1.
 OUTLIER_PROBABILITY = 0.1
-#: Increase of the outlier probability per unit of (1 - score): labels with low scores are wrong more often, although a
-#: score is not a probability. A detection of score 0.4 has the outlier probability 0.37.
-SCORE_SLOPE = 0.5
+#: Minimum score that affects the probability of an outlier.
+MIN_SCORE = 0.01
 #: Minimum ratio of a component to the highest peak of its object. Smaller ones change the posterior less than the grid.
 MIN_PEAK_RATIO = 1e-4
 #: The same for components with a gross error, which matter only if the others fit badly.
@@ -84,6 +90,9 @@ class MeasuredArrays:
     code: Sequence[int]
     #: (n,) prior probability to be an outlier.
     outlier: FloatArray
+    #: (n,) prior probability that the label means another object, for the only object of a class; 0 if the scene has
+    #: no other class, without which no label could be checked.
+    mislabelled: FloatArray
 
 
 def measurement_arrays(evidence: Sequence[ObjectEvidence]) -> MeasuredArrays:
@@ -108,9 +117,18 @@ def measurement_arrays(evidence: Sequence[ObjectEvidence]) -> MeasuredArrays:
             covariance[i] = covariance[i][np.ix_(order, order)]
     flags = np.column_stack([missing, truncated, is_close, is_free])
     codes = np.packbits(flags, axis=1, bitorder="little")[:, 0].tolist()
-    score = np.array([item.object.score for item in evidence])
-    outlier = OUTLIER_PROBABILITY + (1 - OUTLIER_PROBABILITY) * SCORE_SLOPE * (1 - np.clip(score, 0.0, 1.0))  # (n,)
-    return MeasuredArrays(evidence, np.nan_to_num(y), np.nan_to_num(sigma), np.nan_to_num(covariance), codes, outlier)
+    score = np.clip([item.object.score for item in evidence], MIN_SCORE, 1.0)  # (n,)
+    has_others = len({item.prior.node_id for item in evidence}) > 1
+    mislabelled = has_others * np.array([mislabel_probability(item.prior) for item in evidence])
+    return MeasuredArrays(
+        evidence=evidence,
+        y=np.nan_to_num(y),
+        sigma=np.nan_to_num(sigma),
+        covariance=np.nan_to_num(covariance),
+        code=codes,
+        outlier=1 - (1 - OUTLIER_PROBABILITY) * score,
+        mislabelled=mislabelled,
+    )
 
 
 def rows(objects: MeasuredArrays) -> ObjectComponents:
@@ -148,6 +166,7 @@ def hypothesis_rows(
         table, counts_of_object = _joined_table(tuple(of_object), objects.evidence[i].pose, objects.code[i])
         tables.append(table)
         counts += counts_of_object
+    objects = replace(objects, mislabelled=np.zeros(len(objects.evidence)))  # a hypothesis of its own
     return _components(tables, counts, np.repeat(selected, [len(of_object) for of_object in by_object]), objects)
 
 
@@ -160,8 +179,8 @@ def has_open_vertical(item: ObjectEvidence) -> bool:
 class _Table:
     """The part of the r components of an object that does not depend on its sizes: the prior under all variants."""
 
-    #: (14, r): mean ln m minus the shift of a truncation (3); packed covariance, 1 on inactive axes (6); activity of
-    #: each axis, 0 or 1 (3); log weight; log of the minimum ratio to the highest peak.
+    #: (15, r): mean ln m minus the shift of a truncation (3); packed covariance, 1 on inactive axes (6); activity of
+    #: each axis, 0 or 1 (3); log weight; log of the minimum ratio to the highest peak; 1 for mislabelled objects.
     columns: FloatArray
     #: (3, r) measured extent of each axis.
     measured: IntArray
@@ -202,44 +221,53 @@ def _table(
     if vertical_extent >= 0 and not layout.vertical_known:
         assignments = assignments.with_vertical(vertical_extent)
     if is_mislabelled:
-        # Each truncated side of a mislabelled object has the wide error.
-        is_narrow = assignments.variance == TRUNCATION_MIXTURE[0][2] ** 2
-        assignments = assignments.of(~is_narrow.any(axis=1))
-    columns = _columns(prior, assignments, shared_error(prior).covariance if is_single else None)
-    measured = [np.tile(assignments.measured, (len(prior.weights), 1)).T]
-    if is_single and (probability := bias_probability(prior)):
-        columns[12] += math.log(1 - probability)
-        # With a biased prior, gross errors have no effect, and a few components approximate its many wide ones.
-        merged = reduce_mixture(Mixture(prior.weights, prior.means, prior.covariances), MAX_KINDS)
-        few = replace(
-            prior,
-            weights=merged.weights / merged.weights.sum(),
-            means=merged.means,
-            covariances=merged.covariances,
-            contexts=(),
-        )
-        plain = assignments.of(~assignments.gross)
-        error = np.zeros((3, 3))
-        axes = prior_axes(prior)
-        error[axes[:, None], axes] = biased_error(prior)
-        biased = _columns(few, plain, error)
-        biased[12] += math.log(probability)
-        columns = np.concatenate([columns, biased], axis=1)
-        measured.append(np.tile(plain.measured, (len(few.weights), 1)).T)
-    return _Table(columns, np.concatenate(measured, axis=1))
+        assignments = _with_wide_errors(assignments)
+    if not is_single:
+        return _Table(_columns(prior, assignments, None), np.tile(assignments.measured, (len(prior.weights), 1)).T)
+    biased = bias_probability(prior)
+    plain = assignments.of(~assignments.gross)  # gross errors have no effect on wide components
+    parts = [(prior, assignments, prior.disagreement(), 1 - biased, False)]
+    if biased:
+        parts.append((_merged(prior, MAX_KINDS), plain, biased_error(prior), biased, False))
+    parts.append((_merged(prior, 1), _with_wide_errors(plain), mislabelled_error(prior), 1.0, True))
+    tables = []
+    for components, cases, error, probability, is_wrong in parts:
+        columns = _columns(components, cases, split_error(error, prior_axes(prior)).covariance, is_wrong)
+        columns[12] += math.log(probability)
+        tables.append(_Table(columns, np.tile(cases.measured, (len(components.weights), 1)).T))
+    return _concatenated(tables)
+
+
+def _with_wide_errors(assignments: Variants) -> Variants:
+    """Return the variants in which each truncated side has the wide error, as those of a mislabelled object."""
+    is_narrow = assignments.variance == TRUNCATION_MIXTURE[0][2] ** 2
+    return assignments.of(~is_narrow.any(axis=1))
+
+
+def _merged(prior: Prior, components: int) -> Prior:
+    """Return a prior with at most this number of components."""
+    mixture = reduce_mixture(Mixture(prior.weights, prior.means, prior.covariances), components)
+    weights = mixture.weights / mixture.weights.sum()
+    return replace(prior, weights=weights, means=mixture.means, covariances=mixture.covariances, contexts=())
+
+
+def _concatenated(tables: Sequence[_Table]) -> _Table:
+    """Return the tables of an object as one."""
+    columns = np.concatenate([table.columns for table in tables], axis=1)
+    return _Table(columns, np.concatenate([table.measured for table in tables], axis=1))
 
 
 @lru_cache(maxsize=4096)
 def _joined_table(of_object: tuple[Hypothesis, ...], pose: str, code: int) -> tuple[_Table, list[int]]:
     """Return the tables of an object under several hypotheses as one, and the number of components of each."""
     tables = [_table(row.prior, pose, code, row.vertical_extent, False, row.is_mislabelled) for row in of_object]
-    columns = np.concatenate([table.columns for table in tables], axis=1)
-    measured = np.concatenate([table.measured for table in tables], axis=1)
-    return _Table(columns, measured), [table.measured.shape[1] for table in tables]
+    return _concatenated(tables), [table.measured.shape[1] for table in tables]
 
 
-def _columns(prior: Prior, assignments: Variants, shared: FloatArray | None) -> FloatArray:
-    """Return the columns (14, k v) of the k components of a prior under v variants; `shared` (3, 3) is the error."""
+def _columns(
+    prior: Prior, assignments: Variants, shared: FloatArray | None, is_mislabelled: bool = False
+) -> FloatArray:
+    """Return the columns (15, k v) of the k components of a prior under v variants; `shared` (3, 3) is the error."""
     axes = prior_axes(prior)
     k, v = len(prior.weights), len(assignments.log_weight)
     mean = np.zeros((k, 3))
@@ -262,6 +290,7 @@ def _columns(prior: Prior, assignments: Variants, shared: FloatArray | None) -> 
         np.tile(active, (k, 1)).T,
         log_weight.reshape(1, k * v),
         np.tile(log_min_ratio, (1, k)),
+        np.full((1, k * v), float(is_mislabelled)),
     ]
     return np.concatenate(columns)
 
@@ -282,7 +311,7 @@ def _components(
     """
     owner = np.repeat(np.arange(len(counts)), counts)  # (m,) entry
     object_index = selected[owner]  # (m,)
-    columns = np.concatenate([table.columns for table in tables], axis=1)  # (14, m)
+    columns = np.concatenate([table.columns for table in tables], axis=1)  # (15, m)
     mean, covariance, active, log_weight = columns[:3], columns[3:9], columns[9:12], columns[12]
     measured = np.concatenate([table.measured for table in tables], axis=1)  # (3, m)
     flat_index = measured + 3 * object_index  # into the flattened (n, 3) arrays of the objects
@@ -295,12 +324,15 @@ def _components(
     precision, log_det = inverse(covariance)
     for index, is_active in zip(DIAGONAL, active, strict=True):
         precision[index] *= is_active  # elements off the diagonal are already zero
-    log_weight += np.log1p(-objects.outlier)[object_index] - 0.5 * log_det
+    probability = np.where(columns[14], objects.mislabelled[object_index], 1 - objects.mislabelled[object_index])
+    log_weight += np.log1p(-objects.outlier)[object_index] + np.log(np.maximum(probability, 1e-300)) - 0.5 * log_det
     pull = product(precision, residual)
     lam = total(row_sums(precision))
     centre = total(pull) / lam
     peak = log_weight - 0.5 * (dot(residual, pull) - lam * centre**2)
     start = np.cumsum([0, *counts[:-1]])
     keep = np.flatnonzero(peak >= np.maximum.reduceat(peak, start)[owner] + columns[13])
-    flat = np.array([row.take(keep) for row in (*precision, *residual, *pull, log_weight, lam, centre, peak)])
+    flat = np.array(
+        [row.take(keep) for row in (*precision, *residual, *pull, log_weight, lam, centre, peak, columns[14])]
+    )
     return ObjectComponents.of_objects(flat, owner.take(keep), np.log(objects.outlier[selected]))

@@ -199,7 +199,7 @@ def posterior(evidence: Sequence[ObjectEvidence], gaussians: FloatArray | None =
         u = _grid(components, gaussians)
         log_likelihood, terms = _class_terms(objects, components, names, u)
     else:
-        components = ObjectComponents.of_objects(np.zeros((16, 0)), np.zeros(0, dtype=np.int64), np.zeros(0))
+        components = ObjectComponents.of_objects(np.zeros((17, 0)), np.zeros(0, dtype=np.int64), np.zeros(0))
         u = _grid(components, gaussians)
         log_likelihood, terms = np.zeros((0, len(u))), []
     total = log_likelihood.sum(axis=0)

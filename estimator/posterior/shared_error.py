@@ -53,7 +53,7 @@ class ObjectComponents:
     On the line v = u 1, a row is exp(line_log_peak) exp(-line_precision (u - line_centre)^2 / 2).
     """
 
-    #: (16, m), see the properties.
+    #: (17, m), see the properties.
     columns: FloatArray
     #: (m,) object of each row.
     object: IntArray
@@ -97,6 +97,11 @@ class ObjectComponents:
         """(m,) log of the peak, including the evidence of the proportions."""
         return np.asarray(self.columns[15])
 
+    @property
+    def is_mislabelled(self) -> BoolArray:
+        """(m,) the row describes an object whose label means another one, for classes with a single object."""
+        return np.asarray(self.columns[16] > 0)
+
     def of(self, objects: IntArray) -> ObjectComponents:
         """Return the rows of some objects (k,), in increasing order, which are renumbered."""
         new_index = np.full(len(self.log_floor), -1)
@@ -107,7 +112,7 @@ class ObjectComponents:
 
     @classmethod
     def of_objects(cls, columns: FloatArray, owner: IntArray, log_floor: FloatArray) -> ObjectComponents:
-        """Create from columns (16, m) and their objects (m,), which are sorted and contain every object."""
+        """Create from columns (17, m) and their objects (m,), which are sorted and contain every object."""
         return cls(columns, owner, np.searchsorted(owner, np.arange(len(log_floor))), log_floor)
 
 

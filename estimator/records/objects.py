@@ -11,6 +11,8 @@ from metric_base.arrays import BoolArray, FloatArray, IntArray
 
 #: Minimum confidence eta of a plausible dimension in the paper (section 4.2, example figure).
 ETA_THRESHOLD = 0.7
+#: Note of an object whose extents are those of its outlines, because it has too few points.
+BY_OUTLINES = "measured by its outlines"
 #: (8, 3) signs of the corners along length, width and height.
 _SIGNS = np.array([[x, y, z] for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)], dtype=np.float64)
 #: (12, 2) pairs of corners that differ in one sign: four edges along each axis, sorted by axis.

@@ -30,7 +30,7 @@ from pathlib import Path
 import numpy as np
 
 from estimator.posterior.object_likelihood import ObjectEvidence, usable
-from estimator.records.objects import MeasuredObject
+from estimator.records.objects import BY_OUTLINES, MeasuredObject
 from estimator.records.result import ScaleEvidence
 from metric_base.arrays import BoolArray, FloatArray
 from metric_base.errors import InputError
@@ -43,7 +43,9 @@ from metric_tree.tree import DETECTORS, Tree
 
 #: Factor of the score of an object whose label is more specific than its node: the size of a foosball table may not be
 #: that of a table, and its outlier probability is 0.25 instead of 0.1.
-BROADER_SCORE = 0.7
+BROADER_SCORE = 0.83
+#: Minimum number of points in the score of an object that is measured by its outlines.
+MIN_SCORED_POINTS = 2
 #: Maximum number of unknown names for which similar names are suggested; each search takes some milliseconds.
 MAX_ADVISED_NAMES = 50
 #: Note of an object whose height is truncated only because its underside is hidden.
@@ -280,7 +282,7 @@ def object_evidence(
     for index, item in enumerate(objects):
         match = matches[item.category]
         if reasons[index] is None and match.node is not None and match.prior is not None:
-            judged = replace(item, score=BROADER_SCORE * item.score) if match.is_broader else item
+            judged = replace(item, score=item.score * _score_factor(item, match))
             prior = match.prior if probability is None else prior_for_scene_type(match.prior, probability)
             candidates[index] = ObjectEvidence(judged, prior_with_states(prior, match.node), match.node.pose)
     used: dict[int, tuple[str, ...]] = {}
@@ -302,6 +304,18 @@ def object_evidence(
         used=tuple(used.values()),
         gaussians=np.array(gaussians, dtype=float).reshape(-1, 3),
     )
+
+
+def _score_factor(item: MeasuredObject, match: CategoryMatch) -> float:
+    """Return the factor (0 to 1) of the score of an object due to its node and to the number of its points.
+
+    The distance of an object that is measured by its outlines depends on its n points. They are of another surface with
+    the probability 1 / sqrt(n), the relative standard deviation of a count.
+    """
+    factor = BROADER_SCORE if match.is_broader else 1.0
+    if BY_OUTLINES in item.notes and item.points:
+        factor *= 1 - 1 / math.sqrt(max(item.points, MIN_SCORED_POINTS))
+    return factor
 
 
 def selected_evidence(

@@ -265,7 +265,7 @@ def test_the_evidence_of_many_objects_is_that_of_25() -> None:
 
 
 def test_a_class_without_tolerance_has_no_ripple() -> None:
-    """Two signs of a norm with uncertain sizes: their wide range needs more points than a grid has for the tolerance."""
+    """Two signs of a norm with uncertain sizes: the grid of their wide range is coarser than the tolerance."""
     sign = replace(prior("sign", [(750, 750)], spread=0.002, shared=0.0014, dims=("length", "height")), tier="norm")
     signs = []
     for size, height_sigma in (((0.63, 0.15, 0.95), 0.5), ((0.59, 0.13, 0.95), 1.0)):
@@ -274,3 +274,16 @@ def test_a_class_without_tolerance_has_no_ripple() -> None:
     log_likelihood = posterior(signs).class_log_likelihood[0]
     crests = (log_likelihood[1:-1] > log_likelihood[:-2]) & (log_likelihood[1:-1] > log_likelihood[2:])
     assert crests.sum() == 1
+
+
+def test_the_only_object_of_a_class_may_be_mislabelled() -> None:
+    """A bottle of twice the size: two desks decide, as if two bottles had this size; alone, nothing contradicts it."""
+    desks = [evidence(DESK, size, name=str(n)) for n, size in enumerate([(1.3, 0.68, 0.74), (1.25, 0.7, 0.73)])]
+    wrong = evidence(BOTTLE, np.array([0.085, 0.08, 0.26]) * 2)
+    result = posterior([*desks, wrong])
+    assert result.modes[0].scale == pytest.approx(1, abs=0.06)
+    assert result.interval[0] < 1 < result.interval[1]
+    assert result.weight[-1] < 0.5 < result.weight[:-1].min()
+    lone = posterior([wrong])
+    assert lone.modes[0].scale == pytest.approx(0.5, rel=0.05)
+    assert lone.weight[0] > 0.85

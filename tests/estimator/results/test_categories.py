@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import metric_tree
-from estimator.records.objects import MeasuredObject
+from estimator.records.objects import BY_OUTLINES, MeasuredObject
 from estimator.records.options import EstimateOptions
 from estimator.records.result import ScaleEvidence
 from estimator.results.estimate import scale_of_objects
@@ -35,6 +37,19 @@ def test_a_broader_kind_is_said_and_weighs_less(shipped: Tree) -> None:
     assert plain.node == broader.node
     assert broader.notes == ("treated as the broader category table",)
     assert broader.weight < plain.weight
+
+
+@pytest.mark.parametrize(("points", "weighs_less"), [(2, True), (10, True), (10_000, False)])
+def test_outlines_with_few_points_weigh_less(points: int, weighs_less: bool, shipped: Tree) -> None:
+    """The distance of an object that is measured by its outlines depends on its points."""
+    chair = MeasuredObject("1", "chair", np.array([0.5, 0.5, 0.9]), np.full(3, 0.05))
+    table = MeasuredObject("2", "table", np.array([1.4, 0.8, 0.75]) * 1.5, np.full(3, 0.05), points=points)
+    outlined = replace(table, notes=(BY_OUTLINES,))
+    by_points, by_outlines = (scale_of_objects([chair, item], shipped) for item in (table, outlined))
+    assert (by_outlines.objects[1].weight < by_points.objects[1].weight - 0.02) == weighs_less
+    assert by_outlines.objects[1].score == 1
+    unplaced = replace(outlined, points=0)  # on the floor, without points
+    assert scale_of_objects([chair, unplaced], shipped).objects[1].weight == by_points.objects[1].weight
 
 
 def test_a_warning_shows_the_beginning_of_a_long_name(shipped: Tree) -> None:

@@ -18,6 +18,7 @@ __all__ = [
     "Summary",
     "crps_of",
     "difference",
+    "interval_scores",
     "outcome_of",
     "read_outcomes",
     "select",
@@ -42,6 +43,8 @@ class Outcome:
     low, high : ends of the interval as ln(end / true); NaN without an interval.
     heights : mean relative error of the objects' heights (the paper's measure); NaN if unknown.
     dimensions : number of dimensions used.
+    median : ln(median of the posterior / true); NaN without a posterior.
+    pit : posterior probability of scales below the true one (probability integral transform); NaN without a posterior.
     """
 
     part: str
@@ -54,6 +57,8 @@ class Outcome:
     high: float = float("nan")
     heights: float = float("nan")
     dimensions: int = 0
+    median: float = float("nan")
+    pit: float = float("nan")
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +102,24 @@ def outcome_of(
     if result.interval is not None and not refused:
         ends = (float(np.log(result.interval.low / true)), float(np.log(result.interval.high / true)))
     used = sum(len(item.used) for item in result.objects)
-    return Outcome(part, group, scene, method, error, refused, *ends, heights=heights, dimensions=used)
+    median, pit = (float("nan"),) * 2
+    if result.curve is not None:
+        u = result.curve.log_scale
+        below = result.curve.below + np.cumsum(result.curve.density) * (u[1] - u[0])
+        median = float(np.interp(0.5, below, u) - np.log(true))
+        pit = float(np.interp(np.log(true), u, below))
+    return Outcome(part, group, scene, method, error, refused, *ends, heights, used, median, pit)
+
+
+def interval_scores(outcomes: Sequence[Outcome], width: float = 1.0) -> FloatArray:
+    """Return the interval score of each outcome for ln scale (Gneiting and Raftery 2007).
+
+    `width` is a factor of the distance of both ends from the median.
+    """
+    median, low, high = np.array([(row.median, row.low, row.high) for row in outcomes]).reshape(-1, 3).T
+    low, high = median + width * (low - median), median + width * (high - median)
+    missed = np.maximum(0.0, np.maximum(low, -high))
+    return np.asarray(high - low + 2 / (1 - LEVEL) * missed)
 
 
 def select(outcomes: Iterable[Outcome], **wanted: str) -> list[Outcome]:

@@ -9,7 +9,7 @@ from string import Template
 import numpy as np
 
 from benchmarks.accuracy.methods import METHODS, TRUE_SIZES
-from benchmarks.accuracy.outcomes import Outcome, difference, select, summary
+from benchmarks.accuracy.outcomes import Outcome, difference, interval_scores, select, summary
 from benchmarks.accuracy.simulations import FAULTS
 from benchmarks.common import row_text, table_head
 
@@ -24,6 +24,8 @@ _COUNTS = ("1", "3", "5", "10", "50")
 _SAMENESS_OBJECTS, _SAMENESS_CLASSES = ("1", "3", "50"), ("1", "3", "10")
 #: Minimum number of scenes of a row of streets, and of objects of a class in the table of single objects.
 _MIN_STREET_SCENES, _MIN_CLASS_OBJECTS = 20, 100
+#: Levels of the coverage in the table of the calibration, and the factors of the width of intervals that it compares.
+_LEVELS, _WIDTHS = (0.5, 0.8, 0.9, 0.95), np.geomspace(0.4, 2.5, 93)
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +54,7 @@ def page(outcomes: Sequence[Outcome], facts: Facts, template: str) -> str:
         release=facts.release,
         rooms=facts.rooms,
         minutes=f"{facts.minutes:.0f}",
+        calibration=_calibration_table(outcomes),
         methods=_methods_table(scenes),
         heights=_heights_table(scenes),
         differences=_differences_table(scenes),
@@ -88,6 +91,30 @@ def _methods_table(outcomes: Sequence[Outcome]) -> str:
         and (method in ("default", "paper") or len(chosen) > 1)
     ]
     return "\n".join([_HEAD, *rows]) if rows else "Not run."
+
+
+def _calibration_table(outcomes: Sequence[Outcome]) -> str:
+    """Return the coverage, the interval score, the PIT and the best width of the default method by setting."""
+    coverage = [f"{level:.0%}" for level in _LEVELS]
+    columns = ("scenes", *coverage, "interval score", "truth in quarters of the posterior, %", "best width")
+    lines = [table_head(("setting", *columns))]
+    settings = {"real scenes": "scenes"}
+    settings |= {"streets of unseen sources": "streets"}
+    settings |= {row.group: row.part for row in outcomes if row.part in ("methods", "unseen")}
+    for name, part in settings.items():
+        of_part = select(outcomes, part=part, method="default")
+        group = [row for row in of_part if part in ("scenes", "streets") or row.group == name]
+        group = [row for row in group if np.isfinite([row.pit, row.low]).all()]
+        if not group:
+            continue
+        pit = np.array([row.pit for row in group])
+        covered = [f"{np.mean(np.abs(2 * pit - 1) <= level):.2f}" for level in _LEVELS]
+        quarters = ", ".join(f"{100 * part:.0f}" for part in np.histogram(pit, bins=4, range=(0, 1))[0] / len(pit))
+        best = _WIDTHS[np.argmin([interval_scores(group, width).mean() for width in _WIDTHS])]
+        lines.append(
+            row_text([name, str(len(group)), *covered, _number(interval_scores(group).mean()), quarters, _number(best)])
+        )
+    return "\n".join(lines) if len(lines) > 1 else "Not run."
 
 
 def _heights_table(outcomes: Sequence[Outcome]) -> str:

@@ -11,10 +11,19 @@ import pytest
 
 from benchmarks.accuracy.__main__ import TEMPLATE
 from benchmarks.accuracy.methods import METHODS
-from benchmarks.accuracy.outcomes import Outcome, difference, read_outcomes, summary, write_outcomes
+from benchmarks.accuracy.outcomes import (
+    Outcome,
+    difference,
+    interval_scores,
+    read_outcomes,
+    summary,
+    write_outcomes,
+)
 from benchmarks.accuracy.page import Facts, page
 
-ONE = Outcome("methods", "rooms", "a", "default", np.log(1.1), False, np.log(0.95), np.log(1.2), 0.1, 6)
+ONE = Outcome(
+    "methods", "rooms", "a", "default", np.log(1.1), False, np.log(0.95), np.log(1.2), 0.1, 6, np.log(1.08), 0.2
+)
 
 
 def test_summary_counts_answered_scenes_alone() -> None:
@@ -34,6 +43,20 @@ def test_differences_are_of_the_scenes_of_both() -> None:
     assert count == 10
     assert mean == pytest.approx(-0.1)
     assert low <= mean <= high < 0
+
+
+def test_an_interval_score_is_the_width_and_twenty_times_the_miss() -> None:
+    missed = replace(ONE, median=0.2, low=0.1, high=0.3)
+    assert interval_scores([ONE, missed]) == pytest.approx([np.log(1.2 / 0.95), 0.2 + 20 * 0.1])
+    assert interval_scores([missed], 2.0) == pytest.approx([0.4])
+
+
+def test_the_calibration_of_a_uniform_pit() -> None:
+    uniform = [replace(ONE, scene=str(n), pit=(n + 0.5) / 40, median=0.0, low=-0.1, high=0.1) for n in range(40)]
+    facts = Facts("", (), "", "", 0.0)
+    text = page([replace(one, part="scenes") for one in uniform] + uniform, facts, "$calibration")
+    for name in ("real scenes", "rooms"):
+        assert f"| {name} | 40 | 0.50 | 0.80 | 0.90 | 0.95 | 0.20 | 25, 25, 25, 25 | 0.40 |" in text
 
 
 def test_the_page_has_every_table(tmp_path: Path) -> None:

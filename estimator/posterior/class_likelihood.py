@@ -64,7 +64,7 @@ def single_object_classes(components: ObjectComponents, u: FloatArray) -> Single
     columns = components.columns.copy()
     columns[15, components.is_mislabelled] = MIN_EXPONENT
     right = line_density(replace(components, columns=columns), u)
-    return SingleObjectClasses(np.log(density), 1 - right / density)
+    return SingleObjectClasses(np.log(density), np.asarray(1 - right / density, dtype=float))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -286,9 +286,9 @@ def test_an_input_is_never_an_output(tmp_path: Path, tree: Path, capsys: pytest.
 def test_strict_refuses_an_uncertain_scale(
     tmp_path: Path, tree: Path, capsys: pytest.CaptureFixture[str], strict: list[str], expected: int
 ) -> None:
-    twice = {name: 2 * value for name, value in STOOL.items()}
+    large = {name: 3 * value for name, value in STOOL.items()}
     chair = {"category": "swivel chair", "dimensions": CHAIR}
-    objects = objects_file(tmp_path, chair, chair, {"category": "bar stool", "dimensions": twice})
+    objects = objects_file(tmp_path, chair, chair, {"category": "bar stool", "dimensions": large})
     status, out, _ = estimate(capsys, "--objects", objects, "--tree", tree, "--json", *strict)
     assert json.loads(out)["status"] == "uncertain"
     assert status == expected

@@ -144,7 +144,7 @@ def raw_lines(path: Path) -> Iterator[bytes]:
     with opened(path) as packed, gzip.open(packed) if path.suffix == ".gz" else nullcontext(packed) as file:
         try:
             yield from bounded_lines(url_of(path), file)
-        except (OSError, EOFError, zlib.error) as error:
+        except (gzip.BadGzipFile, EOFError, zlib.error) as error:
             raise InputError(f"{url_of(path)}: expected gzip data; found {error}") from None
 
 

@@ -6,7 +6,7 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Generator, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing import active_children, get_context, parent_process
@@ -48,7 +48,11 @@ def executor_of(workers: int, scheduler: str | None) -> Iterator[Executor | None
         except (OSError, TimeoutError, ValueError) as error:
             raise InputError(f"--scheduler: expected a Dask scheduler at {scheduler}; found {error}") from None
         with client:
-            yield client.get_executor()
+            try:
+                yield client.get_executor()
+            except CancelledError:
+                lost = f"--scheduler: the connection to {scheduler} was lost; the same command continues the work"
+                raise InputError(lost) from None
     elif workers > 1:
         # spawned, not forked: Arrow's threads do not survive a fork
         pool = _Pool(workers, mp_context=get_context("spawn"), initializer=end_with_parent)

@@ -33,6 +33,10 @@ _FETCHED: dict[tuple[Path, str], Path] = {}
 _STAGED: list[tuple[Path, Path]] = []
 
 
+class StoreError(InputError):
+    """A store cannot be used; a later run may continue the work of this one."""
+
+
 def is_remote(path: Path) -> bool:
     """Return True if a path is that of a URL."""
     return len(path.parts) > 1 and path.parts[0].rstrip(":\\/") in LIBRARIES and path.parts[0][-1] == ":"
@@ -205,7 +209,7 @@ def _remove_fetched() -> None:
 
 @contextmanager
 def _store(path: Path, advice: str = "") -> Iterator[tuple[Any, str]]:
-    """Provide the file system of a URL and the key of the path; its errors end the block as InputError."""
+    """Provide the file system of a URL and the key of the path; its errors are InputError or StoreError."""
     scheme, place = path.parts[0][:-1], path.parts[1]
     if "@" in place:  # the message must not contain them
         raise InputError(f"{scheme}://: expected a URL without credentials; they belong in the environment")
@@ -224,4 +228,4 @@ def _store(path: Path, advice: str = "") -> Iterator[tuple[Any, str]]:
         raise InputError(f"{url}: expected an existing file or folder; found none{advice}") from None
     except Exception as error:  # noqa: BLE001 - each library has errors of its own
         found = Unquoted(f"{type(error).__name__}: {error}"[:MAX_SHOWN])
-        raise InputError(f"{url}: expected a store that can be used; found {found}{advice}") from None
+        raise StoreError(f"{url}: expected a store that can be used; found {found}{advice}") from None

@@ -21,7 +21,7 @@ from typing import Any, ParamSpec, TypeVar
 from metric_base.errors import InputError
 from metric_base.files import write_whole
 from metric_base.folders import code_folder, taxonomy_directory
-from metric_base.remote import file_identity, is_remote
+from metric_base.remote import StoreError, file_identity, is_remote
 
 _KEY = "fingerprint"
 #: Maximum number of submitted calls: two for each process of a cluster of 128.
@@ -71,8 +71,8 @@ class BuildFolder:
         write_whole(note, key)
         try:
             yield cls(directory)
-        except InputError:  # with another input it is another build
-            if not is_shared:
+        except InputError as error:  # with another input it is another build
+            if not is_shared and not isinstance(error, StoreError):
                 _remove(directory)
             raise
         if not is_shared:

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import sys
 import time
+from concurrent.futures import CancelledError
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
 
+from metric_base.errors import InputError
+from metric_base.executors import executor_of
 from tests.support.processes import started
 
 #: Seconds within which the processes start and end; it is long because of other load on the machine.
@@ -40,3 +44,16 @@ def test_processes_end_with_a_killed_parent(program: str, tmp_path: Path) -> Non
 
 def _children(tasks: Path) -> list[str]:
     return [child for task in tasks.glob("*/children") for child in task.read_text().split()]
+
+
+class LostClient(nullcontext):
+    def get_executor(self) -> None:
+        return None
+
+
+def test_a_lost_scheduler_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Dask cancels the calls of a client whose scheduler has ended."""
+    monkeypatch.setattr("distributed.Client", lambda *_, **__: LostClient())
+    lost = "--scheduler: the connection to tcp://a:1 was lost"
+    with pytest.raises(InputError, match=lost), executor_of(2, "tcp://a:1"):
+        raise CancelledError

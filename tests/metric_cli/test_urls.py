@@ -166,6 +166,7 @@ def test_a_release_at_a_url_answers_queries(store, tmp_path, capsys):
     assert remote._FETCHED == {}
 
 
+@pytest.mark.slow
 def test_scenes_of_a_batch_and_their_results_at_urls(store, tmp_path, capsys):
     """A scene is read from a URL, its result and the table of the batch are written to URLs; nothing remains here."""
     write_small_scene(tmp_path / "small")

@@ -18,6 +18,7 @@ import pytest
 from crawler.items import RawItem
 from metric_base.errors import InputError
 from metric_base.files import sole_writer
+from metric_base.remote import StoreError
 from metric_tree.checks.release_files import findings
 from metric_tree.fit.class_prior import NEW_SOURCE
 from metric_tree.fit.rows import EVIDENCE
@@ -305,6 +306,21 @@ def until(holds, seconds: float = 120.0) -> None:
     while not holds():
         assert time.monotonic() < end, "waited in vain"
         time.sleep(0.01)
+
+
+def test_a_store_that_fails_keeps_the_work(tmp_path, release, monkeypatch):
+    raw = written(tmp_path / "raw.jsonl", synthetic_items())
+
+    def fail(*_):
+        raise StoreError("s3://bucket/raw.jsonl: expected a store that can be used")
+
+    monkeypatch.setattr(build_module, "repeated_rows", fail)
+    with pytest.raises(StoreError):
+        build(raw, tmp_path / "release")
+    assert list((tmp_path / "release.build" / "work").glob("ingest-*.pickle"))
+    monkeypatch.undo()
+    monkeypatch.setattr(build_module, "ingest_block", None)
+    assert files_of(build(raw, tmp_path / "release").release.directory) == files_of(release.directory)
 
 
 def test_another_input_does_not_take_up_old_work(tmp_path, monkeypatch):

@@ -266,15 +266,11 @@ class ContextSimilarity(NamedTuple):
 
 def _population_correlation(a: Sequence[str], b: Sequence[str]) -> FloatArray:
     """Return the correlation (n, m) of populations: `POPULATION_KIN` for each step from a country to its region."""
-
-    def correlation(one: str, other: str) -> float:
-        if one == other:
-            return 1.0
-        regions = {region_of(one) or one, region_of(other) or other}
-        steps = 2 - (one in REGIONS) - (other in REGIONS)
-        return 0.0 if len(regions) > 1 or "world" in regions else POPULATION_KIN**steps
-
-    return np.array([[correlation(one, other) for other in b] for one in a])
+    regions_a, regions_b = (np.array([region_of(place) or place for place in places]) for places in (a, b))
+    steps_a, steps_b = (np.array([place not in REGIONS for place in places], dtype=int) for places in (a, b))
+    is_related = (regions_a[:, None] == regions_b) & (regions_a != "world")[:, None]
+    related = np.where(is_related, POPULATION_KIN ** (steps_a[:, None] + steps_b), 0.0)
+    return np.where(np.asarray(a)[:, None] == np.asarray(b), 1.0, related)
 
 
 def _same_country_or_region(a: Sequence[str], b: Sequence[str]) -> tuple[FloatArray, FloatArray]:

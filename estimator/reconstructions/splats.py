@@ -105,8 +105,7 @@ def _spz_centres(data: bytes) -> tuple[FloatArray, FloatArray]:
             content = stream.read(10 * count) if is_gzip else _spz_4_streams(data, (9 * count, count))
     except (OSError, EOFError, struct.error, zlib.error) as error:
         raise FieldError("content", "a complete SPZ file", Unquoted(str(error))) from None
-    if len(content) < 10 * count:
-        raise FieldError("content", f"{count} Gaussians", Unquoted(f"{len(content)} bytes"))
+    expect(len(content) == 10 * count, "content", f"{count} Gaussians", Unquoted(f"{len(content)} bytes"))
     packed = np.frombuffer(content, np.uint8, 9 * count).reshape(count, 3, 3).astype(np.int32)
     words = packed[..., 0] | packed[..., 1] << 8 | packed[..., 2] << 16
     positions = (words - ((words & 1 << 23) << 1)).astype(np.float64)

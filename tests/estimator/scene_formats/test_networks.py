@@ -21,6 +21,7 @@ from estimator.scene_formats import networks
 from estimator.scene_formats.common import pinhole_camera
 from estimator.scene_formats.networks import depth_cloud, focal_of_points
 from metric_base.errors import InputError
+from metric_cli.estimate_scale.estimate import main
 from tests.support.skips import skip_without
 from tests.synthetic.networks import WRITERS, RenderedViews, rendered_views, write_output
 from tests.synthetic.rooms.furnish import furnished_room
@@ -68,6 +69,17 @@ def test_the_scale_of_the_room(network: str, tmp_path: Path) -> None:
     assert result.status == "resolved"
     assert result.interval is not None
     assert result.interval.low < views.scale < result.interval.high
+
+
+@pytest.mark.parametrize(("network", "words"), [("VGGT", "VGGT, whose units are normalised"), ("Pi3", "Pi3")])
+def test_units_that_are_no_metres_are_refused(
+    network: str, words: str, views: RenderedViews, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = write_output(network, views, tmp_path / "scene")
+    assert main([str(folder), "--metric-depth", "scene", "--json"]) == 2
+    *_, error = capsys.readouterr().err.strip().splitlines()
+    assert error.endswith(f"found {words}")
+    assert "--depth-error" in error
 
 
 @pytest.mark.parametrize("factor", [0.37, 1.0, 5.2])

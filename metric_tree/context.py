@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, NamedTuple  # defined in a quarter of the time of a dataclass, in each query
 
 import numpy as np
@@ -204,7 +205,7 @@ def context_effect(contexts: Sequence[Context], shared: FloatArray, where: Where
         noise = np.array([one.variance[axis] for one in stated])
         is_population = np.array([one.source in POPULATIONS for one in stated])
         noise[is_population] = DEFINITION_SD**2
-        similarity = ContextSimilarity.of([(one.source, one.region, one.year) for one in stated])
+        similarity = _similarity(tuple((one.source, one.region, one.year) for one in stated))
         covariance = between * similarity.covariance(model, is_population) + np.diag(noise)
         common, population = query_covariance(stated, where, model)
         population = (1 - model.region - model.year) * is_population * population
@@ -262,6 +263,10 @@ class ContextSimilarity(NamedTuple):
             source = source + np.outer(is_population, is_population) * common
         region = model.region * (self.country + model.kin * self.region)
         return np.asarray(source + region + model.year * np.exp(-self.years / model.years))
+
+
+#: Similarities of the contexts of the last priors: a table of regions and years needs those of a node many times.
+_similarity = lru_cache(maxsize=16)(ContextSimilarity.of)
 
 
 def _population_correlation(a: Sequence[str], b: Sequence[str]) -> FloatArray:

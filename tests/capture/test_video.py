@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from contextlib import nullcontext
 from fractions import Fraction
 from pathlib import Path
@@ -11,6 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from capture.sources import video
+from capture.sources.frames import make_frames
 from capture.sources.video import Video
 from metric_base.errors import InputError
 from tests.synthetic.videos import times_of, write_video
@@ -140,3 +142,16 @@ def test_frames_of_a_video_have_a_maximum_of_pixels(
     monkeypatch.setattr(video, "MAX_PIXELS", pixels)
     with nullcontext() if is_read else pytest.raises(InputError, match=f"frames of at most {pixels:,} pixels"):
         assert Video(tmp_path / "a.mp4").width == WIDTH
+
+
+@pytest.mark.parametrize(("n_stated", "is_remarked"), [(22, False), (23, True)])
+def test_a_tenth_of_the_stated_frames_may_be_missing(tmp_path: Path, n_stated: int, is_remarked: bool) -> None:
+    write_video(tmp_path / "a.mp4", _pictures(20), times_of(20))
+    film = Video(tmp_path / "a.mp4")
+    film.n_frames = n_stated
+    (tmp_path / "part").mkdir()
+    make_frames(tmp_path / "part", film, wanted=3)
+    (written,) = tmp_path.glob("part/frames.json")
+    remarks = json.loads(written.read_text(encoding="utf-8"))["remarks"]
+    message = f"the file states {n_stated} frames, and 20 could be read: the others are damaged or missing"
+    assert remarks == ([message] if is_remarked else [])

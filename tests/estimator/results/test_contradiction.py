@@ -300,3 +300,17 @@ def test_a_length_is_improbable_below_one_in_ten_thousand_or_if_half_of_the_weig
         nearest = abs(math.log(above / 1e-4)) if n_classes == 2 else 4 * abs(math.log(kept / 0.5))
         distance[conflict.is_decisive] = min(distance[conflict.is_decisive], nearest)
     assert max(distance.values()) < 0.26  # the series comes within a quarter, or 6 % of the weight, on both sides
+
+
+@pytest.mark.parametrize(("n_right", "n_outliers", "is_warned"), [(5, 4, False), (5, 5, True), (3, 1, False)])
+def test_outliers_are_a_warning_if_they_are_half_of_the_objects(
+    mini: Tree, n_right: int, n_outliers: int, is_warned: bool
+) -> None:
+    """Each of the others has a scale of its own."""
+    length, width, height = CHAIR
+    others = [("swivel chair", (20 * 3**k * length, 20 * 3**k * width, 20 * 3**k * height)) for k in range(n_outliers)]
+    objects = [("swivel chair", CHAIR), *[("bar stool", STOOL)] * (n_right - 1)]
+    result = answer(mini, 0.5, *objects, *others, trust=True)
+    assert [row.verdict for row in result.objects].count("outlier") == n_outliers
+    found = [warning for warning in result.warnings if "objects are outliers: check their labels" in warning]
+    assert bool(found) == is_warned

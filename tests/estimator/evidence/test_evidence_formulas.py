@@ -309,3 +309,19 @@ def test_the_speed_of_a_path_shorter_than_a_second_is_unknown() -> None:
     assert gps.path_speed(times, np.column_stack([3 * times, 0 * times, 0 * times])) == pytest.approx(3.0)
     assert gps.path_speed(times[:10], np.ones((10, 3))) == 0.0
     assert gps.path_speed(times[:0], np.ones((0, 3))) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("position", "is_projected"),
+    [
+        ([6_378_137.0 * 1.009, 0.0, 0.0], False),  # as far from the centre of the Earth as its surface, within 1 %
+        ([6_378_137.0 * 1.011, 0.0, 0.0], True),
+        ([6_378_137.0 * 0.991, 0.0, 0.0], False),
+        ([6_378_137.0 * 0.989, 0.0, 0.0], True),
+        ([0.0, 6_378_137.0 * 3.14, 0.0], True),
+        ([0.0, 6_378_137.0 * 3.15, 0.0], False),  # beyond the poles of the projection
+    ],
+)
+def test_large_coordinates_are_projected_unless_they_are_geocentric(position: list[float], is_projected: bool) -> None:
+    assumption = gps.taken_as_metres([np.array(position)])
+    assert ("Web Mercator" in assumption) == is_projected

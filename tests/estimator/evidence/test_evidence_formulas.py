@@ -314,6 +314,8 @@ def test_the_speed_of_a_path_shorter_than_a_second_is_unknown() -> None:
 @pytest.mark.parametrize(
     ("position", "is_projected"),
     [
+        ([0.99e5, 0.0, 0.0], False),
+        ([1.01e5, 0.0, 0.0], True),
         ([6_378_137.0 * 1.009, 0.0, 0.0], False),  # as far from the centre of the Earth as its surface, within 1 %
         ([6_378_137.0 * 1.011, 0.0, 0.0], True),
         ([6_378_137.0 * 0.991, 0.0, 0.0], False),

@@ -18,6 +18,7 @@ from estimator.association.mask_checks import (
 )
 from estimator.association.point_labels import sparse_labels
 from estimator.association.tracks import shared_tracks
+from estimator.records.scene import Camera, Instance, View
 from tests.synthetic.rooms.furnish import furnished_room
 from tests.synthetic.rooms.quick import quick_scene
 
@@ -154,3 +155,35 @@ def test_masks_that_end_in_a_straight_line_are_doubtful(room, side):
 @pytest.mark.parametrize(("fraction", "doubtful"), [(0.59, False), (0.61, True), (np.nan, False)])
 def test_both_sides_of_the_maximum_of_straight_masks(fraction, doubtful):
     assert len(straight_warnings(np.array([0.1, fraction, 0.1, 0.1]))) == doubtful
+
+
+def _mask(
+    height: int, width: int, filled: int, origin: tuple[int, int] = (20, 20), *, from_box: bool = False
+) -> Instance:
+    """A mask of a view of 200 x 100 pixels whose left side has so many pixels, and the other sides one each."""
+    pixels = np.zeros((height, width), dtype=bool)
+    pixels[1 : 1 + filled, 0] = pixels[0, 1] = pixels[-1, 1] = pixels[height // 2, -1] = True
+    return Instance("1", 0, "chair", pixels, origin, from_box=from_box)
+
+
+@pytest.mark.parametrize(
+    ("mask", "n_masks", "left"),
+    [
+        (_mask(20, 20, 12), 10, 1.0),  # `MIN_STRAIGHT_FILL` of 0.6
+        (_mask(20, 20, 11), 10, 0.0),
+        (_mask(20, 20, 12), 9, np.nan),  # `MIN_MASKS`
+        (_mask(12, 20, 9), 10, 1.0),  # `MIN_STRAIGHT_PX`
+        (_mask(11, 20, 9), 10, np.nan),
+        (_mask(20, 11, 12), 10, np.nan),
+        (_mask(20, 20, 12, from_box=True), 10, np.nan),
+        (_mask(20, 20, 12, (2, 20)), 10, 1.0),
+        (_mask(20, 20, 12, (1, 20)), 10, 0.0),  # the border of the image cuts it
+    ],
+)
+def test_a_side_is_straight_if_three_fifths_of_it_are_in_the_mask(mask: Instance, n_masks: int, left: float) -> None:
+    camera = Camera("PINHOLE", 200, 100, np.array([100.0, 100, 100, 50]))
+    view = View("a", camera, np.eye(3), np.zeros(3), np.zeros((0, 2)), np.zeros(0, dtype=int))
+    fractions = straight_fractions([view], [mask] * n_masks)
+    assert fractions[0] == pytest.approx(left, nan_ok=True)
+    if not np.isnan(left):
+        assert fractions[1:].tolist() == [0.0, 0.0, 0.0]

@@ -306,9 +306,17 @@ def test_an_alignment_needs_three_pairs_that_are_not_mirrored_to_a_point() -> No
 
 def test_the_speed_of_a_path_shorter_than_a_second_is_unknown() -> None:
     times = np.arange(11) / 10
-    assert gps.path_speed(times, np.column_stack([3 * times, 0 * times, 0 * times])) == pytest.approx(3.0)
-    assert gps.path_speed(times[:10], np.ones((10, 3))) == 0.0
-    assert gps.path_speed(times[:0], np.ones((0, 3))) == 0.0
+    metres = np.column_stack([3 * times, 0 * times, 0 * times])
+    assert gps.path_speed(times, metres) == pytest.approx(3.0)
+    assert gps.path_speed(times[:10], metres[:10]) == 0.0
+    assert gps.path_speed(times[:0], metres[:0]) == 0.0
+
+
+def test_a_speed_is_that_over_a_second() -> None:
+    """Back and forth once in a second, and 2 metres a second along."""
+    times = np.arange(61) / 20
+    swing = np.sin(2 * np.pi * times)
+    assert gps.path_speed(times, np.column_stack([2 * times, 5 * swing, 0 * times])) == pytest.approx(2.0)
 
 
 @pytest.mark.parametrize(

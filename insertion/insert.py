@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -139,7 +139,7 @@ def insert(request: InsertionRequest, scene: InsertionScene, progress: ProgressC
         A file cannot be read or written, or there is no position for an object.
     """
     from insertion.blender.run import export_blend, traced_layers, write_layer_scene
-    from insertion.composite.compositor import composite_footage
+    from insertion.composite.compositor import Compositor, composite_footage
     from insertion.composite.motion_blur import motion_blur
     from insertion.exports.compositing import CompositingLayers
     from insertion.exports.export_folder import LayerWriter, write_exports
@@ -177,20 +177,18 @@ def insert(request: InsertionRequest, scene: InsertionScene, progress: ProgressC
             environment = scene.light.environment(objects[0].placement.position, objects[0].height)
             if request.renderer == "blender":
                 tracing = traced_layers(objects, frames, environment, progress)
-        results = composite_footage(
+        compositor = Compositor(
             objects,
             scene.light,
             scene.content,
-            footage,
-            scene.scale,
-            write,
-            show_interval=request.show_interval,
+            footage.start_s,
             smooth_look=video is not None,
+            interval=scene.scale if request.show_interval else None,
             sinks=sinks,
-            tracing=tracing,
             motion=None if video is None else motion_blur(video.frames, scene.images, scene.content.cloud),
-            progress=progress,
         )
+        stack.enter_context(closing(compositor))
+        results = composite_footage(compositor, footage, scene.scale, write, tracing=tracing, progress=progress)
 
         # 3. Files for other programs.
         if layers is not None and environment is not None and any(frame.view is not None for frame in frames):

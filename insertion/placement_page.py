@@ -1,11 +1,11 @@
-"""Local web page on which the user drags, turns and renders an object in a frame (`--place`)."""
+"""Local web page on which the user drags, turns and renders objects in a frame (`--place`)."""
 
 from __future__ import annotations
 
 import json
 import re
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -28,9 +28,9 @@ if TYPE_CHECKING:
 
 #: Maximum number of frames on the page, evenly spaced.
 MAX_FRAMES = 12
-#: A path of the page: action, index of the frame, pixel, degrees.
+#: A path of the page: action, index of the object, index of the frame, pixel, degrees.
 _ACTION = re.compile(
-    r"(box|drawn|picture)/([0-9]{1,7})/(-?[0-9]{1,6}(?:\.[0-9]+)?)/(-?[0-9]{1,6}(?:\.[0-9]+)?)/(-?[0-9]{1,4})"
+    r"(box|drawn|picture)/([0-9]{1,3})/([0-9]{1,7})/(-?[0-9]{1,6}(?:\.[0-9]+)?)/(-?[0-9]{1,6}(?:\.[0-9]+)?)/(-?[0-9]{1,4})"
 )
 
 
@@ -41,19 +41,19 @@ class PlacementPage(LocalPage):
     ----------
     scene : InsertionScene
         The scene. Up to `MAX_FRAMES` of its frames with a pose are decoded once.
-    request : ObjectRequest
-        The object; its position is replaced.
+    requests : sequence of ObjectRequest
+        The objects. Until the user moves an object, it has its own position.
     tree : Tree, optional
         Release for a size by the prior.
     command : callable
-        Returns the command that repeats a request.
+        Returns the command that repeats the requests.
     port : int
         Port of the page; 0 for a free one.
 
     Attributes
     ----------
-    chosen : ObjectRequest or None
-        The request with the chosen position, when the user has finished.
+    chosen : tuple of ObjectRequest or None
+        The requests with the chosen positions, when the user has finished.
 
     Raises
     ------
@@ -64,9 +64,9 @@ class PlacementPage(LocalPage):
     def __init__(
         self,
         scene: InsertionScene,
-        request: ObjectRequest,
+        requests: Sequence[ObjectRequest],
         tree: Tree | None,
-        command: Callable[[ObjectRequest], str],
+        command: Callable[[Sequence[ObjectRequest]], str],
         port: int = 0,
     ) -> None:
         posed = [frame for frame in scene.footage.frames if frame.view is not None]
@@ -77,10 +77,10 @@ class PlacementPage(LocalPage):
         self._images = {frame.index: (frame, image) for frame, image in scene.footage if frame.index in wanted}
         self._frames = tuple(frame for frame, _ in self._images.values())
         self._scene, self._tree, self._command = scene, tree, command
-        self._request = replace(request, on=None, plane=None)
+        self._requests = tuple(requests)
         self._lock = threading.Lock()  # one renderer at a time
         self._drawn: dict[str, bytes] = {}
-        self.chosen: ObjectRequest | None = None
+        self.chosen: tuple[ObjectRequest, ...] | None = None
         super().__init__("--place", port)
 
     def answer(self, path: str) -> tuple[str, bytes] | None:
@@ -95,11 +95,12 @@ class PlacementPage(LocalPage):
                 frames.append(
                     {"number": frame.index, "name": frame.name, "width": camera.width, "height": camera.height}
                 )
-            return json_answer({"model": self._request.model.name, "frames": frames})
+            return json_answer({"models": [request.model.name for request in self._requests], "frames": frames})
         action = _ACTION.fullmatch(path)
         if action is not None:
             key = path.split("/", 1)[1]
-            return self._act(action[1], key, int(action[2]), (float(action[3]), float(action[4])), int(action[5]))
+            pixel = float(action[4]), float(action[5])
+            return self._act(action[1], key, int(action[2]), int(action[3]), pixel, int(action[6]))
         for index, (_, image) in self._images.items():
             if path == f"frame/{index}":
                 return "image/jpeg", _jpeg(image)
@@ -111,46 +112,51 @@ class PlacementPage(LocalPage):
             return None
         try:
             stated = json.loads(body)
-            expect(isinstance(stated, dict), "place", "frame, x, y and facing", stated)
+            expect(isinstance(stated, dict), "place", "object, frame, x, y and facing", stated)
             pixel = float(stated["x"]), float(stated["y"])
-            request = self._request_at(int(stated["frame"]), pixel, int(stated["facing"]))
-            self._place(request)
+            requests = self._requests_at(int(stated["object"]), int(stated["frame"]), pixel, int(stated["facing"]))
+            self._place(requests)
         except (InputError, ValueError, TypeError, LookupError, ArithmeticError, RecursionError) as error:
             return 400, {"error": str(error)}
-        self.chosen = request
+        self.chosen = requests
         self.finish()
-        return 200, {"command": self._command(request)}
+        return 200, {"command": self._command(requests)}
 
     def _act(
-        self, kind: str, key: str, index: int, pixel: tuple[float, float], facing: int
+        self, kind: str, key: str, number: int, index: int, pixel: tuple[float, float], facing: int
     ) -> tuple[str, bytes] | None:
-        """Return the box of the object at a pixel, the command with the frame drawn, or the drawn frame."""
+        """Return the box of an object at a pixel, the command with the frame drawn, or the drawn frame."""
         if kind == "picture":
             return ("image/jpeg", self._drawn[key]) if key in self._drawn else None
         try:
-            request = self._request_at(index, pixel, facing)
-            placed = self._place(request)
+            requests = self._requests_at(number, index, pixel, facing)
+            objects = self._place(requests[number : number + 1] if kind == "box" else requests)
         except LookupError:
             return None
         except InputError as error:
             return json_answer({"refused": str(error)})
         frame, plate = self._images[index]
         if kind == "box":
-            return json_answer({"corners": _box_corners(placed, frame)})
+            return json_answer({"corners": _box_corners(objects[0], frame)})
         with self._lock:
             scene, start_s = self._scene, self._frames[0].clock_s
-            with closing(Compositor([placed], scene.light, scene.content, start_s)) as compositor:
-                self._drawn = {key: _jpeg(compositor.draw(frame, plate))}
+            with closing(Compositor(objects, scene.light, scene.content, start_s)) as compositor:
+                self._drawn, self._requests = {key: _jpeg(compositor.draw(frame, plate))}, requests
+        placed = objects[number]
         size = " x ".join(f"{value:.3g}" for value in placed.size_m.values())
         lines = [f"{size} m on {placed.placement.support}", *placed.size.warnings, *placed.warnings]
-        return json_answer({"command": self._command(request), "says": lines})
+        return json_answer({"command": self._command(requests), "says": lines})
 
-    def _request_at(self, index: int, pixel: tuple[float, float], facing: int) -> ObjectRequest:
-        """Return the request at a pixel. Raises LookupError for a frame that is not on the page."""
-        return replace(self._request, at=PixelPosition(self._images[index][0].name, *pixel), facing=float(facing))
+    def _requests_at(
+        self, number: int, index: int, pixel: tuple[float, float], facing: int
+    ) -> tuple[ObjectRequest, ...]:
+        """Return the requests with object `number` at a pixel. Raises LookupError if it or the frame does not exist."""
+        at = PixelPosition(self._images[index][0].name, *pixel)
+        moved = replace(self._requests[number], on=None, plane=None, at=at, facing=float(facing))
+        return (*self._requests[:number], moved, *self._requests[number + 1 :])
 
-    def _place(self, request: ObjectRequest) -> PlacedObject:
-        return place_objects([request], self._scene.space, self._frames, self._tree)[0]
+    def _place(self, requests: Sequence[ObjectRequest]) -> list[PlacedObject]:
+        return place_objects(requests, self._scene.space, self._scene.footage.frames, self._tree)
 
 
 def _box_corners(placed: PlacedObject, frame: Frame) -> list[list[float] | None]:

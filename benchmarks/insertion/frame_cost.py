@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import json
 import time
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -135,15 +136,10 @@ def compositing_cost(work: Path) -> tuple[float, float]:
         mock.patch.object(ObjectRenderer, "image", timed(ObjectRenderer.image, "renderer")),
         mock.patch.object(frames.Compositor, "draw", timed(frames.Compositor.draw, "compositing")),
     ):
-        frames.composite_footage(
-            placed,
-            prepared.light,
-            prepared.content,
-            prepared.footage,
-            prepared.scale,
-            lambda *_: None,
-            smooth_look=True,
-        )
+        start_s = prepared.footage.start_s
+        compositor = frames.Compositor(placed, prepared.light, prepared.content, start_s, smooth_look=True)
+        with closing(compositor):
+            frames.composite_footage(compositor, prepared.footage, prepared.scale, lambda *_: None)
     count = len(prepared.footage.frames)
     return seconds["renderer"] / count, seconds["compositing"] / count
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import time
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, closing, nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from typing import Any, Protocol
 
@@ -65,46 +65,28 @@ class LayerSink(Protocol):
 
 
 def composite_footage(
-    objects: Sequence[PlacedObject],
-    light: LightModel,
-    content: FrameContent,
+    compositor: Compositor,
     footage: Footage,
     scale: MetricScale,
     write: Writer,
     *,
-    show_interval: bool = False,
-    smooth_look: bool = False,
-    sinks: Sequence[LayerSink] = (),
     tracing: AbstractContextManager[Tracer] | None = None,
-    motion: MotionBlur | None = None,
     progress: ProgressCallback = silent,
 ) -> list[InsertionResult]:
     """Composite objects into every frame of the footage. Frames without a pose are unchanged.
 
     Parameters
     ----------
-    objects : sequence of PlacedObject
-        The objects.
-    light : LightModel
-        Light of the scene.
-    content : FrameContent
-        Points and masks of the scene.
+    compositor : Compositor
+        Draws the objects.
     footage : Footage
         Frames to write.
     scale : MetricScale
-        Scale to report; its interval determines the outlines.
+        Scale to report.
     write : callable
         Receives each frame with its finished image, in order.
-    show_interval : bool
-        Draw the outlines of the objects at both ends of the scale interval.
-    smooth_look : bool
-        Smooth exposure, blur and grain over time, because the frames belong to one video.
-    sinks : sequence of LayerSink
-        Receive the layers of every frame.
     tracing : context manager, optional
         Yields a renderer of the objects in place of the embedded one.
-    motion : MotionBlur, optional
-        Motion blur of the video, if its exposure is known; otherwise it is part of the measured blur.
     progress : callable
         Receives the number of finished frames.
 
@@ -113,16 +95,12 @@ def composite_footage(
     list of InsertionResult
         One result per object.
     """
-    seconds = {"light": 0.0, "render": 0.0, "encode": 0.0}
-    started = time.perf_counter()
-    interval = scale if show_interval else None
-    compositor = Compositor(objects, light, content, footage.start_s, smooth_look, interval, sinks, motion)
+    seconds = {"light": compositor.light_s, "render": 0.0, "encode": 0.0}
     renderer: AbstractContextManager[Tracer | None] = nullcontext(None) if tracing is None else tracing
-    with closing(compositor), renderer as tracer:
-        seconds["light"] = time.perf_counter() - started
+    with renderer as tracer:
         for frame, image in with_progress(iter(footage), "inserting", progress, len(footage.frames)):
             started = time.perf_counter()
-            for sink in sinks:
+            for sink in compositor.sinks:
                 sink.plate(frame, image)
             finished = compositor.draw(frame, image, tracer)
             rendered = time.perf_counter()
@@ -135,7 +113,7 @@ def composite_footage(
         (f"{item.model.name}: may be hidden in {count} frame(s): points in front of it are in no mask; {REMEDY}",)
         if count
         else ()
-        for item, count in zip(objects, compositor.unconfirmed, strict=True)
+        for item, count in zip(compositor.objects, compositor.unconfirmed, strict=True)
     ]
     return [
         InsertionResult(
@@ -150,7 +128,7 @@ def composite_footage(
             dict(seconds),
             (*placed.model.warnings, *placed.size.warnings, *placed.warnings, *warnings, *lines),
         )
-        for placed, reports, lines in zip(objects, compositor.reports, unconfirmed, strict=True)
+        for placed, reports, lines in zip(compositor.objects, compositor.reports, unconfirmed, strict=True)
     ]
 
 
@@ -170,14 +148,18 @@ class Compositor:
     smooth_look : bool
         Smooth exposure, blur and grain over time, because the frames belong to one video.
     interval : MetricScale, optional
-        Scale whose interval is drawn as outlines.
+        Scale whose interval is drawn as outlines of the objects.
     sinks : sequence of LayerSink
         Receive the layers of every frame.
     motion : MotionBlur, optional
-        Motion blur of the video.
+        Motion blur of the video, if its exposure is known; otherwise it is part of the measured blur.
 
     Attributes
     ----------
+    objects : sequence of PlacedObject
+        The objects.
+    light_s : float
+        Time that the light and the renderers took, in seconds.
     renderers : list of ObjectRenderer
         One per object; they share an OpenGL context, which `close` releases.
     reports : list of list of FrameReport
@@ -197,8 +179,9 @@ class Compositor:
         sinks: Sequence[LayerSink] = (),
         motion: MotionBlur | None = None,
     ) -> None:
+        started = time.perf_counter()
+        self.objects, self._content, self._start_s, self.sinks = objects, content, start_s, sinks
         self._motion = motion
-        self._objects, self._content, self._start_s, self._sinks = objects, content, start_s, sinks
         self._looks = CameraLookTracker(smooth=smooth_look)
         self._outlines: list[tuple[float, tuple[int, int, int]]] = []  # size ratio and colour
         if interval is not None and interval.low is not None and interval.high is not None:
@@ -220,6 +203,7 @@ class Compositor:
         except BaseException:
             self.close()
             raise
+        self.light_s = time.perf_counter() - started
 
     def close(self) -> None:
         """Release the OpenGL context."""
@@ -265,10 +249,10 @@ class Compositor:
             silhouette, fraction = None, 0.0
             if shown is not None:
                 silhouette, fraction = shown.layers.silhouette, shown.visible
-                for sink in self._sinks:
+                for sink in self.sinks:
                     sink.layers(frame, index, shown)
             reports.append(FrameReport(frame.name, frame.time_s, silhouette, fraction))
-        for sink in self._sinks:
+        for sink in self.sinks:
             sink.composite(frame, composite)
         image = composite.image
         for renderer, (ratio, colour) in itertools.product(self.renderers, self._outlines):
@@ -281,7 +265,7 @@ class Compositor:
         """Return the layers of the objects with occlusion and shadow, by index; none for those out of the frame."""
         by_index: dict[int, ObjectComposite] = {}
         points, masks = visible.points, [*visible.masks, *visible.moving]
-        for index, (item, renderer) in enumerate(zip(self._objects, self.renderers, strict=True)):
+        for index, (item, renderer) in enumerate(zip(self.objects, self.renderers, strict=True)):
             layers = object_layers(renderer, view, full_size)
             if layers is None:
                 continue
@@ -315,7 +299,7 @@ class Compositor:
         Objects that have not moved, and have no moving neighbour, keep their shadow maps.
         """
         old = [renderer.body for renderer in self.renderers]
-        new = [item.body_at(time_s) if item.moves else body for item, body in zip(self._objects, old, strict=True)]
+        new = [item.body_at(time_s) if item.moves else body for item, body in zip(self.objects, old, strict=True)]
         moved = [after is not before for after, before in zip(new, old, strict=True)]
         for index, renderer in enumerate(self.renderers):
             neighbours = [k for k in range(len(new)) if k != index and moved[k]]

@@ -148,16 +148,13 @@ def environment_at(
         sun = None if light.sun is None else basis @ light.sun
         complete, known, sun_power = sky_light(radiance, coverage, sky, ground_luminance, sun)
         filled = fill_unseen(complete, known)
-        if light.sun is not None and sun_power.any():
+        if light.sun is not None and light.occupancy is not None and sun_power.any():
             distance = SUN_DISTANCE_HEIGHTS * height
-            sun_position = centre + distance * light.sun
-            size = np.array([SUN_DIAMETER * distance])
-            lamp = SphereLights(sun_position[None], sun_power[None] * distance**2, size, centre)
-            if light.occupancy is None:
-                return add_lamps(filled, coverage, basis, lamp)
+            size, power = np.array([SUN_DIAMETER * distance]), sun_power[None] * distance**2
+            lamp = SphereLights((centre + distance * light.sun)[None], power, size, centre, light.occupancy)
             fraction = reaching_fraction(lamp, light.occupancy, position, basis[2], height)
-            shaded = add_lamps(filled, coverage, basis, replace(lamp, power=lamp.power * fraction[:, None]))
-            return replace(shaded, lamps=replace(lamp, occupancy=light.occupancy))
+            shaded = add_lamps(filled, coverage, basis, replace(lamp, power=power * fraction[:, None]))
+            return replace(shaded, lamps=lamp)
     elif light is None:
         is_clipped = radiance.max(axis=-1, keepdims=True) > MIN_CLIPPED
         radiance = radiance * (1 + (CLIPPED_GAIN - 1) * is_clipped)
@@ -411,35 +408,22 @@ def expected_lamp_direction(centre: FloatArray, basis: FloatArray, cloud: Colour
 def raise_ceiling(filled: FloatArray, coverage: FloatArray, white: float, lamp: FloatArray) -> FloatArray:
     """Scale the unseen upper part so that a white surface has the luminance `white`: E(up) = pi * white / albedo.
 
-    `LAMP_FRACTION` of the unseen irradiance becomes a lobe about the direction of the lamp.
-
-    Parameters
-    ----------
-    filled : (h, w, 3) ndarray of float
-        Filled radiance.
-    coverage : (h, w) ndarray of float
-        How well each direction is known, 0 to 1.
-    white : float
-        Luminance of a white surface.
-    lamp : (3,) ndarray of float
-        Direction of the expected lamp.
+    `LAMP_FRACTION` of the unseen irradiance becomes a grey lobe about the unit direction `lamp` (3,). `filled`
+    (h, w, 3) and `coverage` (h, w) are those of `scale_unseen`.
     """
     directions = map_directions()
-    rise = np.maximum(directions[..., 2], 0.0)
-    weight = rise * solid_angles()[:, None]
-    hidden = (1 - coverage) * (rise > 0)
-    brightness = luminance(filled)
-    seen = float((weight * (1 - hidden) * brightness).sum())
-    unseen = float((weight * hidden * brightness).sum())
+    weight = np.maximum(directions[..., 2], 0.0) * solid_angles()[:, None]
+    hidden = (1 - coverage) * (weight > 0)
     lobe = hidden * np.maximum(directions @ lamp, 0.0) ** LAMP_EXPONENT
     total = float((weight * lobe).sum())
-    if unseen <= 1e-9 or total <= 1e-9:
+    if total <= 1e-9:
         return filled
-    target = unseen * float(np.clip((np.pi * white / WHITE_ALBEDO - seen) / unseen, *UNSEEN_GAIN_RANGE))
-    mean = np.einsum("hw,hwc->c", weight * hidden, filled)
-    colour = mean / max(float(luminance(mean)), 1e-9)
-    gain = 1 + ((1 - LAMP_FRACTION) * target / unseen - 1) * hidden
-    return np.asarray(filled * gain[..., None] + (LAMP_FRACTION * target / total) * lobe[..., None] * colour)
+    seen = float((weight * (1 - hidden) * luminance(filled)).sum())
+    required = (np.pi * white / WHITE_ALBEDO - seen) / float((weight * hidden).sum())
+    scaled = scale_unseen(filled, coverage, required)
+    unseen = float((weight * hidden * luminance(scaled)).sum())
+    lobe *= LAMP_FRACTION * unseen / total
+    return np.asarray(scaled * (1 - LAMP_FRACTION * hidden)[..., None] + lobe[..., None])
 
 
 def white_colour(colours: NDArray[np.float32]) -> FloatArray:
@@ -468,10 +452,8 @@ def balance_white(
 
     Parameters
     ----------
-    filled : (h, w, 3) ndarray of float
-        Filled radiance.
-    coverage : (h, w) ndarray of float
-        How well each direction is known, 0 to 1.
+    filled, coverage : (h, w, 3) and (h, w) ndarray of float
+        Those of `scale_unseen`.
     white : (3,) ndarray of float
         Colour of luminance 1.
     lamps : (3,) ndarray of float or 0
@@ -504,8 +486,9 @@ def scale_unseen(filled: FloatArray, coverage: FloatArray, radiance: float) -> F
     coverage : (h, w) ndarray of float
         How well each direction is known, 0 to 1.
     """
-    hidden = (1 - coverage) * (map_directions()[..., 2] > 0)
-    weight = hidden * np.maximum(map_directions()[..., 2], 0.0) * solid_angles()[:, None]
+    rise = map_directions()[..., 2]
+    hidden = (1 - coverage) * (rise > 0)
+    weight = hidden * np.maximum(rise, 0.0) * solid_angles()[:, None]
     unseen = float((weight * luminance(filled)).sum())
     if unseen <= 1e-9:
         return filled

@@ -49,8 +49,6 @@ SAMPLE_OFFSET = 0.3
 COARSE_SAMPLES_PER_CELL = 1
 #: Sample points per cell in the local search.
 LOCAL_SAMPLES_PER_CELL = 2
-#: Sample points per cell for the visible fraction of a cell.
-SAMPLES_PER_CELL = 4
 #: Maximum number of images in the test for free positions.
 MAX_IMAGES = 12
 #: Number of nearest points that determine the depth of an image at a pixel.
@@ -217,7 +215,7 @@ def lamp_irradiance(
     positions: FloatArray,
     facing: FloatArray,
     occupancy: Occupancy | None,
-    samples: int = SAMPLES_PER_CELL,
+    samples: int = COARSE_SAMPLES_PER_CELL,
 ) -> FloatArray:
     """Compute the irradiance of cells by lamps of strength 1.
 
@@ -230,7 +228,7 @@ def lamp_irradiance(
     occupancy : Occupancy, optional
         Grid that casts shadows.
     samples : int
-        Number of sample points per cell for the visibility test: 1, 2 or 4.
+        Number of sample points per cell for the visibility test: 1 or 2.
 
     Returns
     -------
@@ -248,26 +246,23 @@ def lamp_irradiance(
     return np.asarray(irradiance * visible_fraction(cells, occupancy, distinct, samples)[row.ravel()])
 
 
-def visible_fraction(
-    cells: PlaneCells, occupancy: Occupancy, positions: FloatArray, samples: int = SAMPLES_PER_CELL
-) -> FloatArray:
+def visible_fraction(cells: PlaneCells, occupancy: Occupancy, positions: FloatArray, samples: int) -> FloatArray:
     """Return the fraction (c, n) of the sample points of each cell that see each position (c, 3).
 
     Parameters
     ----------
     samples : int
-        Number of sample points per cell: the centre, or 2 or 4 points about it.
+        Number of sample points per cell: 1, the centre, or 2 points about it.
     """
     normals = cells.normals
     seed = np.where(np.abs(normals[:, :1]) < 0.8, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
     across = np.cross(normals, seed)
     across *= SAMPLE_OFFSET * CELL * cells.diagonal / np.linalg.norm(across, axis=1, keepdims=True)
     along = np.cross(normals, across)
-    patterns: dict[int, list[tuple[float, float]]] = {1: [(0, 0)], 2: [(-0.7, -0.7), (0.7, 0.7)]}
-    pattern = patterns.get(samples, [(-1, 0), (1, 0), (0, -1), (0, 1)])
-    points = np.stack([cells.positions + k * across + m * along for k, m in pattern], axis=1)
-    is_visible = occupancy.is_unobstructed(points.reshape(-1, 3), np.repeat(normals, len(pattern), axis=0), positions)
-    return np.asarray(is_visible.reshape(len(positions), -1, len(pattern)).mean(axis=-1))
+    offsets = [0.0] if samples == 1 else [-0.7, 0.7]
+    points = np.stack([cells.positions + k * (across + along) for k in offsets], axis=1)
+    is_visible = occupancy.is_unobstructed(points.reshape(-1, 3), np.repeat(normals, samples, axis=0), positions)
+    return np.asarray(is_visible.reshape(len(positions), -1, samples).mean(axis=-1))
 
 
 def is_visibly_free(positions: FloatArray, cloud: ColouredPoints, images: SceneImages) -> BoolArray:

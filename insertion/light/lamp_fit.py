@@ -14,8 +14,7 @@ Algorithm.
 1. Candidates: a grid in the room, omnidirectional, downwards or away from a wall, except at visibly free positions.
 2. Greedy search: best lamp, best pair, then a third lamp, as long as the log posterior increases by at least 2.
 3. After each step, random local search over one lamp at a time, with a decreasing radius.
-4. With an occupancy grid, step 3 again without partly shadowed cells, which bias the strengths down.
-5. Strengths and g become their posterior means; the colour of each lamp is fitted per channel.
+4. Strengths and g become their posterior means; the colour of each lamp is fitted per channel.
 
 Limits. None for fewer than 60 cells or 2 planes. At most 3 lamps, each about as large as the grid spacing. Contrast
 determines only the ratio of strengths to g; their level depends on the priors. No shadows without an occupancy grid.
@@ -32,13 +31,10 @@ import numpy as np
 from insertion.colour import luminance
 from insertion.light.lamp_candidates import (
     MAX_WALL_UP_COSINE,
-    N_LOCAL_CANDIDATES,
     TYPICAL_IRRADIANCE,
     Candidates,
-    lamp_irradiance,
     local_candidates,
     room_candidates,
-    visible_fraction,
 )
 from insertion.scene.occupancy import Occupancy
 from insertion.scene.plane_cells import PlaneCells
@@ -86,10 +82,6 @@ MIN_LOG_POSTERIOR_GAIN = 2.0
 MAX_LAMPS = 3
 #: Number of rounds of the local search, and factor of the search radius per round.
 ROUNDS, SHRINK = 9, 0.72
-#: Standard deviation of the position of a fitted lamp, in spacings of the candidates.
-POSITION_SIGMA = 0.3
-#: Maximum fraction of a cell that contradicts its being lit or in shadow.
-MAX_UNCERTAIN_FRACTION = 0.1
 #: Candidate factors of a strength in the local search.
 LOCAL_FACTORS = np.array([0.6, 0.78, 1.0, 1.28, 1.65])
 #: Minimum weight of a candidate position, as a fraction of the largest weight.
@@ -276,8 +268,6 @@ def fit_room_light(
         if extended[-1].score < score + MIN_LOG_POSTERIOR_GAIN:
             break
         lamps, planes, score = extended, changed, extended[-1].score
-    if occupancy is not None:
-        lamps, planes = _refine_on_certain_cells(lamps, planes, up, candidates)
 
     # 2. Strengths and brightness of the unseen surfaces: geometric means over the posterior.
     factor, gain = (grid.ravel() for grid in np.meshgrid(FINAL_FACTORS, FINAL_UNSEEN_GAINS))
@@ -338,37 +328,6 @@ def _best_pair(planes: PlaneShading, candidates: Candidates) -> list[_FittedLamp
     pairs.sort(key=lambda pair: -pair[1].score)
     refined = [_refine_lamps(pair, planes, candidates, PAIR_ROUNDS)[0] for pair in pairs[:N_REFINED_PAIRS]]
     return max(refined, key=lambda pair: pair[1].score)
-
-
-def _refine_on_certain_cells(
-    lamps: list[_FittedLamp], planes: PlaneShading, up: FloatArray, candidates: Candidates
-) -> tuple[list[_FittedLamp], PlaneShading]:
-    """Refine lamps on the cells that are certainly lit or certainly in shadow.
-
-    A cell in shadow that is taken as lit, or the reverse, makes every lamp look weaker than it is; `up` is a unit
-    vector (3,).
-    """
-    assert planes.occupancy is not None
-    generator = np.random.default_rng(1)
-    is_certain = np.ones(len(planes.seen), dtype=bool)
-    for fitted in lamps:
-        sigma = POSITION_SIGMA * candidates.spacing
-        positions = fitted.position + generator.normal(0.0, sigma, (N_LOCAL_CANDIDATES, 3))
-        fraction = visible_fraction(planes.cells, planes.occupancy, positions).mean(axis=0)
-        is_dark, is_lit = fraction < MAX_UNCERTAIN_FRACTION, fraction > 1 - MAX_UNCERTAIN_FRACTION
-        is_certain &= is_dark | is_lit | (fitted.irradiance < MAX_UNCERTAIN_FRACTION)
-    certain = planes.cells.subset(is_certain)
-    if len(certain.plane) < MIN_FIT_CELLS or len(np.unique(certain.plane)) < MIN_FIT_PLANES:
-        return lamps, planes
-    subset = replace(plane_shading(certain, up, planes.occupancy), gain=planes.gain)
-    lamps, subset = _refine_lamps([_on_cells(fitted, subset) for fitted in lamps], subset, candidates)
-    return [_on_cells(fitted, planes) for fitted in lamps], replace(planes, gain=subset.gain)
-
-
-def _on_cells(fitted: _FittedLamp, planes: PlaneShading) -> _FittedLamp:
-    """Return a lamp with its irradiance of other cells."""
-    light = lamp_irradiance(planes.cells, fitted.position[None], fitted.facing[None], planes.occupancy)[0]
-    return replace(fitted, irradiance=fitted.ratio * light)
 
 
 def _refine_lamps(

@@ -209,12 +209,10 @@ class ObjectRenderer:
         self, window: Window, rotation: FloatArray, translation: FloatArray, times: float
     ) -> NDArray[np.float32]:
         """Return the coverage (h, w) of the object scaled by `times` about its foot."""
-        self._program["flat_only"].value = True
-        grown = replace(self.body, unit=self.body.unit * times)
-        offset = self._set_camera(grown, window, rotation, translation)
-        colour, _ = self._forward(window, -rotation.T @ offset)
-        self._program["flat_only"].value = False
-        return np.clip(colour[..., 3], 0, 1)
+        body, self.body = self.body, replace(self.body, unit=self.body.unit * times)
+        coverage = self.image(window, rotation, translation).coverage
+        self.body = body
+        return coverage
 
     def image(self, window: Window, rotation: FloatArray, translation: FloatArray) -> ObjectImage:
         """Return the image of the object in a window; rotation (3, 3) and translation (3,) are world to camera."""

@@ -53,16 +53,6 @@ class PlaneCells:
     diagonal: float  #: diagonal of the scene, scene units
     hue: FloatArray | None = None  #: (n, 3) log of linear colour over luminance, median over the points of the cell
 
-    def subset(self, keep: BoolArray) -> PlaneCells:
-        """Return the cells selected by `keep` (n,), with new indices of planes.
-
-        Planes with less than three remaining cells are removed.
-        """
-        keep = keep & (np.bincount(self.plane[keep], minlength=int(self.plane.max()) + 1)[self.plane] >= 3)
-        plane = np.unique(self.plane[keep], return_inverse=True)[1]
-        hue = None if self.hue is None else self.hue[keep]
-        return PlaneCells(self.positions[keep], self.normals[keep], self.log_luminance[keep], plane, self.diagonal, hue)
-
 
 def find_plane_cells(cloud: ColouredPoints, centres: FloatArray) -> PlaneCells:
     """Return the cells of the largest planes of a cloud.

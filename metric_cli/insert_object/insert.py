@@ -76,8 +76,6 @@ def parse_request(argv: Sequence[str]) -> tuple[argparse.Namespace, InsertionReq
     if options.place is not None:
         if not 0 <= options.place <= MAX_PORT:
             raise InputError.at("--place", "port", f"a number from 0 to {MAX_PORT}", options.place)
-        if len(options.objects) > 1:
-            raise InputError(f"--place: expected one --model; found {len(options.objects)}")
         check_renderer()
     if options.out is not None:
         output_kind(options.out)
@@ -167,18 +165,18 @@ def run(options: argparse.Namespace, request: InsertionRequest, argv: Sequence[s
     if options.preview is not None:
         _write_preview(options, request, scene)
     if options.place is not None:
-        # Object with the position that the user chooses on the page; print the equivalent command.
+        # Objects with the positions that the user chooses on the page; print the equivalent command.
         from insertion.placement_page import PlacementPage
 
         has_out = request.out is not None
         equivalent = partial(command_line, argv=argv, has_out=has_out)
-        page = PlacementPage(scene, request.objects[0], request.tree, equivalent, options.place)
+        page = PlacementPage(scene, request.objects, request.tree, equivalent, options.place)
         sys.stderr.write(f"{PROGRAM}: place the object on this page: {page.url}\n")
         page.serve()
         assert page.chosen is not None  # `serve` returns when the user has chosen a position
         if not options.json:
             sys.stdout.write(command_line(page.chosen, argv, has_out) + "\n")
-        request = replace(request, objects=(page.chosen,))
+        request = replace(request, objects=page.chosen)
     if request.out is None:
         return 0
     with progress_bars() as progress:
@@ -213,22 +211,26 @@ def _write_preview(options: argparse.Namespace, request: InsertionRequest, scene
         stream.write(f"{position.number}: {position.options}   {height_m:.2f} m above the lowest plane{note}\n")
 
 
-def command_line(request: ObjectRequest, argv: Sequence[str], has_out: bool) -> str:
-    """Return the command with these arguments, except that the position is that of the request."""
-    kept, remaining = [], list(argv)
+def command_line(requests: Sequence[ObjectRequest], argv: Sequence[str], has_out: bool) -> str:
+    """Return the command with these arguments, except that positions in a frame are those of the requests."""
+    kept, remaining, number = [], list(argv), -1
     while remaining:
         argument = remaining.pop(0)
         name, equals, _ = argument.partition("=")
-        if name not in POSITION_OPTIONS:
+        number += name == "--model"
+        at = requests[number].at
+        if name not in POSITION_OPTIONS or (at is None and name != "--place"):
             kept.append(argument)
+            if name == "--model" and at is not None:
+                facing = requests[number].facing
+                kept += [] if equals else [remaining.pop(0)]
+                kept += ["--at", f"frame={at.frame},x={at.x:.1f},y={at.y:.1f}"]
+                kept += ["--facing", facing if isinstance(facing, str) else f"{facing:.0f}"]
             continue
         has_value = name != "--place" or (bool(remaining) and remaining[0].isdecimal())
         if not equals and has_value and remaining:
             remaining.pop(0)
-    assert request.at is not None
-    at = f"frame={request.at.frame},x={request.at.x:.1f},y={request.at.y:.1f}"
-    out = [] if has_out else ["--out", "OUT.mp4"]
-    return shlex.join([PROGRAM, *kept, "--at", at, "--facing", f"{float(request.facing):.0f}", *out])
+    return shlex.join([PROGRAM, *kept, *([] if has_out else ["--out", "OUT.mp4"])])
 
 
 def _print(results: Sequence[InsertionResult], as_json: bool) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimator.records.scene import DenseCloud, Instance, Scene
-from insertion.composite.compositor import Writer, composite_footage
+from insertion.composite.compositor import Compositor, Writer, composite_footage
 from insertion.footage.footage import Footage, ImageSequence, SceneImages
 from insertion.insertion_scene import InsertionScene, build_scene
 from insertion.placement.placed_object import PlacedObject, place_objects
@@ -104,7 +105,9 @@ def composite_into(
     scene: InsertionScene, objects: Sequence[PlacedObject], write: Writer, footage: Footage | None = None
 ) -> list[InsertionResult]:
     """Composite objects into the footage of a scene, or into `footage`."""
-    return composite_footage(objects, scene.light, scene.content, footage or scene.footage, scene.scale, write)
+    frames = footage or scene.footage
+    with closing(Compositor(objects, scene.light, scene.content, frames.start_s)) as compositor:
+        return composite_footage(compositor, frames, scene.scale, write)
 
 
 def write_glb(mesh: Mesh, file: Path, colour: tuple[float, float, float] = (0.5, 0.3, 0.2)) -> Path:

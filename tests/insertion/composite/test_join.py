@@ -290,16 +290,17 @@ class _Footage:
 NOTHING: Any = None
 
 
-def test_the_context_is_released_where_writing_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_context_is_released_where_a_renderer_fails(monkeypatch: pytest.MonkeyPatch) -> None:
     released = []
     monkeypatch.setattr(compositor, "gl_context", lambda: SimpleNamespace(release=lambda: released.append(1)))
 
-    def full(*_: object) -> None:
-        raise OSError("disk full")
+    def broken(*_: object) -> None:
+        raise OSError("no shader")
 
-    footage: Any = _Footage()
-    with pytest.raises(OSError, match="disk full"):
-        compositor.composite_footage([], NOTHING, NOTHING, footage, NOTHING, full)
+    monkeypatch.setattr(compositor, "_renderer", broken)
+    objects: Any = [SimpleNamespace(body=None, moves=False)]
+    with pytest.raises(OSError, match="no shader"):
+        compositor.Compositor(objects, NOTHING, NOTHING, 0.0)
     assert released == [1]
 
 
@@ -320,6 +321,7 @@ def test_each_result_has_its_own_seconds(monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setattr(compositor, "_renderer", lambda *_: SimpleNamespace(environment=None))
     objects: Any = [placed, placed]
     footage: Any = _Footage()
-    one, two = compositor.composite_footage(objects, NOTHING, NOTHING, footage, NOTHING, lambda *_: None)
+    drawing = compositor.Compositor(objects, NOTHING, NOTHING, 0.0)
+    one, two = compositor.composite_footage(drawing, footage, NOTHING, lambda *_: None)
     one.seconds["render"] = -1.0  # type: ignore[index]
     assert two.seconds["render"] >= 0

@@ -22,6 +22,7 @@ from insertion.light.environment_estimate import (
 )
 from insertion.light.environment_map import HEIGHT, WIDTH, map_directions, solid_angles
 from insertion.light.lamp_candidates import is_visibly_free
+from insertion.scene.occupancy import occupancy_of
 from insertion.scene.point_cloud import ColouredPoints
 from metric_base.arrays import FloatArray
 
@@ -134,7 +135,8 @@ def test_the_sun_has_half_a_degree_and_is_far() -> None:
     pixels[:200] = (100, 130, 200)
     sun = np.array([0.0, 0.6, 0.8])
     still = Still(pixels, ALONG_Y, (0, -2, 1.5))
-    light = environment_at(np.zeros(3), 0.5, np.eye(3), floor(), still, OutdoorLight(sun)).lamps
+    outdoors = OutdoorLight(sun, occupancy_of(floor()))
+    light = environment_at(np.zeros(3), 0.5, np.eye(3), floor(), still, outdoors).lamps
     assert light is not None
     np.testing.assert_allclose(light.positions, [np.array([0, 0, 0.25]) + 5000 * sun], rtol=1e-9)
     assert light.size == pytest.approx([46.5])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -143,7 +144,8 @@ def test_a_wall_takes_the_sun_from_the_part_of_an_object_behind_it(high: float, 
     cloud = ColouredPoints(points, np.full(points.shape, 0.3, np.float32), dense=True)
     occupancy = occupancy_of(cloud)
     lit = environment_at(np.zeros(3), 1.0, np.eye(3), cloud, _Drawn(sun), OutdoorLight(sun, occupancy))
-    free = environment_at(np.zeros(3), 1.0, np.eye(3), cloud, _Drawn(sun), OutdoorLight(sun))
+    air = replace(occupancy, distance=np.full_like(occupancy.distance, 100.0))
+    free = environment_at(np.zeros(3), 1.0, np.eye(3), cloud, _Drawn(sun), OutdoorLight(sun, air))
     assert lit.ambient is not None
     assert lit.lamps is not None
     assert free.lamps is not None

@@ -1,4 +1,4 @@
-"""The page on which an object is put into an image, in a real browser."""
+"""The page on which objects are put into an image, in a real browser."""
 
 from __future__ import annotations
 
@@ -25,12 +25,21 @@ CANVAS = """(() => { const b = find("picture").getBoundingClientRect();
 
 
 def test_an_object_is_dragged_drawn_and_put_there_by_the_command(tmp_path: Path) -> None:
-    words = [str(ROOM), "--scale", "0.4", "--model", str(MODEL)]
+    words = [
+        str(ROOM),
+        "--scale",
+        "0.4",
+        "--model",
+        str(MODEL),
+        "--at",
+        "auto",
+        "--model",
+        str(MODEL),
+        "--size=height=0.2",
+    ]
     program = [sys.executable, "-c", CODE]
     with (
-        started(
-            [*program, *words, "--at", "auto", "--place"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-        ) as child,
+        started([*program, *words, "--place"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as child,
         Browser(tmp_path / "profile") as browser,
     ):
         try:
@@ -51,6 +60,11 @@ def test_an_object_is_dragged_drawn_and_put_there_by_the_command(tmp_path: Path)
             browser.wait("!find('done').disabled")
             first = browser.run("find('command').textContent")
             assert "--facing 0" in first
+            assert first.count("--at frame=") == 1  # the second object is in free space
+            browser.run("find('object').value = 1; find('object').dispatchEvent(new Event('change'))")
+            browser.click(at(0.62 * width, 0.75 * height))
+            browser.wait("find('command').textContent.split('--at frame=').length === 3")
+            browser.run("find('object').value = 0; find('object').dispatchEvent(new Event('change'))")
             browser.run("find('turn').value = 45; turned()")
             browser.wait("find('command').textContent.includes('--facing 45')")
             browser.call("Emulation.setDeviceMetricsOverride", width=360, height=740, deviceScaleFactor=1, mobile=True)
@@ -78,8 +92,18 @@ def test_an_object_is_dragged_drawn_and_put_there_by_the_command(tmp_path: Path)
 @pytest.mark.parametrize("before", [["--at", "auto", "--place"], ["--place", "8001", "--facing=wall"], ["--on", "a b"]])
 def test_the_command_has_one_place(before: list[str]) -> None:
     request = ObjectRequest(Path("m.glb"), at=PixelPosition("0 1.png", 3.25, 4.0), facing=-30.0)
-    words = shlex.split(
-        command_line(request, ["scene", "--model", "m.glb", *before, "--size", "height=2"], has_out=True)
-    )
-    assert words == ["insert-object", "scene", "--model", "m.glb", "--size", "height=2",
-                     "--at", "frame=0 1.png,x=3.2,y=4.0", "--facing", "-30"]  # fmt: skip
+    argv = ["scene", "--model", "m.glb", *before, "--size", "height=2"]
+    assert shlex.split(command_line([request], argv, has_out=True)) == [
+        "insert-object", "scene", "--model", "m.glb", "--at", "frame=0 1.png,x=3.2,y=4.0", "--facing", "-30",
+        "--size", "height=2",
+    ]  # fmt: skip
+
+
+def test_the_command_keeps_the_positions_that_are_no_pixels() -> None:
+    stool = ObjectRequest(Path("b.glb"), plane=2)
+    chair = ObjectRequest(Path("a.glb"), at=PixelPosition("7.png", 3.0, 4.0), facing="wall")
+    argv = ["scene", "--model=b.glb", "--plane", "2", "--place", "--model=a.glb", "--at", "auto", "--facing=12"]
+    assert shlex.split(command_line([stool, chair], argv, has_out=False)) == [
+        "insert-object", "scene", "--model=b.glb", "--plane", "2",
+        "--model=a.glb", "--at", "frame=7.png,x=3.0,y=4.0", "--facing", "wall", "--out", "OUT.mp4",
+    ]  # fmt: skip

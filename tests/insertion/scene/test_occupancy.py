@@ -7,7 +7,7 @@ import pytest
 from scipy.ndimage import distance_transform_edt
 
 from insertion.scene.occupancy import CELL, START_OFFSET, Occupancy, occupancy_of
-from insertion.scene.plane_cells import PlaneCells, _divide_by_hue, _normals, find_plane_cells, fit_planes
+from insertion.scene.plane_cells import _divide_by_hue, _normals, find_plane_cells, fit_planes
 from insertion.scene.point_cloud import ColouredPoints
 from metric_base.arrays import BoolArray
 
@@ -197,18 +197,6 @@ def test_paints_of_a_plane_are_told_apart_by_hue() -> None:
     parts = _divide_by_hue(hue, np.arange(90))
     assert [sorted(part.tolist()) for part in parts] == [[*range(40), *range(70, 90)], [*range(40, 70)]]
     assert _divide_by_hue(hue, np.arange(14)) == []
-
-
-def test_some_cells_with_their_planes_numbered_anew() -> None:
-    plane = np.array([0] * 4 + [1] * 4 + [2] * 4)
-    patches = PlaneCells(
-        np.arange(36.0).reshape(12, 3), np.ones((12, 3)), np.arange(12.0), plane, 5.0, np.ones((12, 3))
-    )
-    kept = patches.subset(np.array([True] * 4 + [True] * 2 + [False] * 3 + [True] * 3))
-    assert kept.plane.tolist() == [0] * 4 + [1] * 3
-    assert kept.log_luminance.tolist() == [0, 1, 2, 3, 9, 10, 11]
-    assert kept.hue is not None
-    assert (kept.diagonal, len(kept.hue), kept.positions[0].tolist()) == (5.0, 7, [0, 1, 2])
 
 
 @pytest.mark.parametrize(("z", "is_open"), [(12.6, True), (12.4, False)])

@@ -46,15 +46,18 @@ BLUR_UPDATE_WEIGHT = 0.8
 GRAIN_BINS = 8
 #: Side in pixels of the squares in which grain is measured, and minimum number of squares of one level of brightness.
 SQUARE_PX, MIN_BIN_SQUARES = 8, 12
-#: Quantile of the standard deviations of the squares that is the grain, because the plainest squares have no texture,
-#: and its ratio to the standard deviation of grain without texture: squares have few independent pixels.
-PLAIN_QUANTILE, PLAIN_RATIO = 0.15, 0.91
+#: Quantile of the standard deviations of the squares that is the grain, because the plainest squares have no texture.
+PLAIN_QUANTILE = 0.15
+#: Smoothness of simulated grain (standard deviation of its blur in pixels), with the ratio of diagonal differences to
+#: the standard deviation in its plainest squares, and the ratio of the latter to the standard deviation of the grain,
+#: which is larger because the content of a frame is removed and squares have few independent pixels.
+GRAIN_PX = np.array([0.0, 0.4, 0.5, 0.6, 0.7, 0.8, 1.0])
+DIAGONAL_RATIOS = np.array([1.03, 0.97, 0.84, 0.67, 0.54, 0.45, 0.34])
+PLAIN_RATIOS = np.array([0.88, 0.86, 0.83, 0.78, 0.73, 0.68, 0.59])
 #: Range of grey levels with grain: the black border of a lens and clipped pixels have none.
 GRAIN_LEVELS = (4, 251)
 #: Maximum ratio of the grain of a square to its finest differences; smoother variation is texture.
 MAX_GRAIN_RATIO = 2.6
-#: Maximum smoothness of the grain in pixels (standard deviation).
-MAX_GRAIN_PX = 1.2
 #: Standard deviation of the blur that removes the content of a frame, in pixels.
 CONTENT_PX = 2.0
 #: Number of frames of a video that share one measurement of the grain.
@@ -265,7 +268,8 @@ def measure_grain(image: Image, grey: _Grey) -> tuple[NDArray[np.float64], float
     # 2. Standard deviation by brightness and channel; white grain has that of its diagonal differences.
     residuals = squares[..., 4:]
     diagonal = (residuals[:, 1:, 1:] - residuals[:, 1:, :-1] - residuals[:, :-1, 1:] + residuals[:, :-1, :-1]) / 2
-    widths = np.minimum(residuals.std(axis=(1, 2)), MAX_GRAIN_RATIO * diagonal.std(axis=(1, 2)))  # (n, 3)
+    spread, fine = residuals.std(axis=(1, 2)), diagonal.std(axis=(1, 2))  # (n, 3)
+    widths = np.minimum(spread, MAX_GRAIN_RATIO * fine)
     bins = np.clip(squares[..., 1:4].mean(axis=(1, 2)) / 256 * GRAIN_BINS, 0, GRAIN_BINS - 1).astype(np.int64)
     sigma = np.tile(np.quantile(widths, PLAIN_QUANTILE, axis=0), (GRAIN_BINS, 1))
     for channel in range(3):
@@ -274,17 +278,15 @@ def measure_grain(image: Image, grey: _Grey) -> tuple[NDArray[np.float64], float
             if len(in_bin) >= MIN_BIN_SQUARES:
                 sigma[index, channel] = np.quantile(in_bin, PLAIN_QUANTILE)
 
-    # 3. Smoothness, from the correlation of neighbours in the plainer half of the squares: that of white noise blurred
-    #    by s is exp(-1 / (4 s^2)).
-    width = widths.mean(axis=1)
+    # 3. Smoothness of the plainest squares, and correlation of the channels in the plainer half.
+    width = spread.mean(axis=1)
+    is_plain = width <= np.quantile(width, PLAIN_QUANTILE)
+    ratio = float(fine[is_plain].mean()) / max(float(spread[is_plain].mean()), 1e-6)
+    smoothness = float(np.interp(-ratio, -DIAGONAL_RATIOS, GRAIN_PX))
     plain = residuals[width <= np.median(width)]
-    mixed = plain @ np.array([0.299, 0.587, 0.114], np.float32)
-    variance = max(float(np.mean(mixed**2)), 1e-9)
-    correlation = float(np.mean(mixed[:, :, 1:] * mixed[:, :, :-1]) / variance)
-    smoothness = float(np.sqrt(-0.25 / np.log(correlation))) if 0.02 < correlation < 0.95 else 0.0
     scaled = plain / np.maximum(plain.std(axis=(0, 1, 2)), 1e-6)
     common = float(np.mean(scaled * np.roll(scaled, 1, axis=-1)))
-    return sigma / PLAIN_RATIO, min(smoothness, MAX_GRAIN_PX), float(np.clip(common, 0.0, 1.0))
+    return sigma / np.interp(smoothness, GRAIN_PX, PLAIN_RATIOS), smoothness, float(np.clip(common, 0.0, 1.0))
 
 
 def grain(look: CameraLook, box: PixelBox, levels: NDArray[np.float32], seed: int) -> NDArray[np.float32]:

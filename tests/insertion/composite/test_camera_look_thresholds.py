@@ -49,9 +49,9 @@ def grain_px(smooth_px: float) -> float:
     return measure_look(np.repeat(grey[..., None], 3, axis=2), NO_POINTS, NO_CLOUD).grain_px
 
 
-def test_grain_is_smooth_by_at_most_1_2_pixels() -> None:
-    assert grain_px(1.0) < 1.15
-    assert grain_px(2.2) == pytest.approx(1.2)
+def test_grain_is_smooth_by_at_most_1_pixel() -> None:
+    assert grain_px(0.9) < 0.97
+    assert grain_px(2.2) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize(("n_squares", "has_grain"), [(11, False), (12, True)])

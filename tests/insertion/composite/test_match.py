@@ -64,19 +64,24 @@ def test_an_object_gets_the_grain_of_the_picture(sigma: float) -> None:
 
 
 @pytest.mark.parametrize("common", [0.0, 0.6])
-@pytest.mark.parametrize(("smooth", "px"), [(0.0, 0.0), (0.5, 0.34)])
-def test_grain_has_its_sigma_its_smoothness_and_what_channels_share(common: float, smooth: float, px: float) -> None:
-    """Smooth grain is treated as finer than it is: the content is removed with a blur of two pixels."""
+@pytest.mark.parametrize("smooth", [0.0, 0.5, 0.75])
+def test_grain_has_its_sigma_its_smoothness_and_what_channels_share(common: float, smooth: float) -> None:
+    """Its finest differences are those of the plate, too; they were 0.4 to 0.6 of those of real frames."""
     import cv2
 
     generator = np.random.default_rng(1)
     own, shared = generator.normal(0, 1, (*SHAPE, 3)), generator.normal(0, 1, (*SHAPE, 1))
     noise = np.sqrt(1 - common) * own + np.sqrt(common) * shared
     noise = cv2.GaussianBlur(noise, (0, 0), smooth) if smooth else noise
-    look = measure_look(np.rint(122 + 4 * noise / noise.std()).astype(np.uint8), NOTHING, EMPTY)
-    assert look.grain == pytest.approx(np.full(look.grain.shape, 3.7), rel=0.08)
-    assert look.grain_px == pytest.approx(px, abs=0.03)
+    noise *= 4 / noise.std()
+    look = measure_look(np.rint(122 + noise).astype(np.uint8), NOTHING, EMPTY)
+    assert look.grain == pytest.approx(np.full(look.grain.shape, 4.0), rel=0.08)
+    assert look.grain_px == pytest.approx(smooth, abs=0.06)
     assert look.common == pytest.approx(common, abs=0.05)
+    drawn = grain(look, PixelBox(0, 0, *SHAPE[::-1]), np.full((*SHAPE, 3), 120, np.float32), 7)
+    for values in (drawn - np.roll(drawn, 1, axis=1), drawn):
+        true = noise - np.roll(noise, 1, axis=1) if values is not drawn else noise
+        assert values.std(axis=(0, 1)) / true.std(axis=(0, 1)) == pytest.approx(np.ones(3), abs=0.1)
 
 
 def test_texture_is_no_grain() -> None:
@@ -84,7 +89,7 @@ def test_texture_is_no_grain() -> None:
 
     texture = cv2.GaussianBlur(np.random.default_rng(2).normal(0, 60, SHAPE), (0, 0), 2.0)
     assert texture.std() > 7
-    assert _look(120 + texture).grain.max() < 1.5
+    assert _look(120 + texture).grain.max() < 1.8
 
 
 @pytest.mark.parametrize("down", [False, True])

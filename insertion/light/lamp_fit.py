@@ -12,7 +12,7 @@ log-normal priors on the direct-to-ambient ratio (16), on g and on the albedo of
 
 Algorithm.
 1. Candidates: a grid in the room, omnidirectional, downwards or away from a wall, except at visibly free positions.
-2. Greedy search: best lamp, best pair, then a third lamp, as long as the log posterior increases by at least 2.
+2. Greedy search: another lamp as long as the log posterior increases by at least 2.
 3. After each step, random local search over one lamp at a time, with a decreasing radius.
 4. Strengths and g become their posterior means; the colour of each lamp is fitted per channel.
 
@@ -66,12 +66,6 @@ DIRECT_TO_AMBIENT_PRIOR = 16.0
 DIRECT_TO_AMBIENT_SIGMA = 0.3
 #: Weight of the contrast in the log posterior: shadows with slightly wrong edges make lamps look weak.
 CONTRAST_WEIGHT = 0.25
-#: Number of first lamps of pairs.
-N_PAIR_SEEDS = 8
-#: Minimum distance between the first lamps of pairs, in spacings of the candidates.
-MIN_SEED_SPACINGS = 1.5
-#: Number of pairs that are refined, and number of rounds for each.
-N_REFINED_PAIRS, PAIR_ROUNDS = 4, 3
 #: Standard deviation of the log colour of a lamp in each channel: cameras balance white for the scene, not per lamp.
 TINT_SIGMA = 0.12
 #: Candidate log colours.
@@ -260,10 +254,7 @@ def fit_room_light(
     score = -np.inf
     lamps: list[_FittedLamp] = []
     while len(lamps) < MAX_LAMPS:
-        if len(lamps) == 1:
-            extended = _best_pair(planes, candidates)
-        else:
-            extended = [*lamps, _best_lamp(planes, candidates, lamps, DIRECT_TO_AMBIENT_GRID)]
+        extended = [*lamps, _best_lamp(planes, candidates, lamps, DIRECT_TO_AMBIENT_GRID)]
         extended, changed = _refine_lamps(extended, planes, candidates)
         if extended[-1].score < score + MIN_LOG_POSTERIOR_GAIN:
             break
@@ -307,31 +298,8 @@ def _lamp_colours(planes: PlaneShading, lamps: list[_FittedLamp]) -> list[FloatA
     return [np.exp(row) / float(luminance(np.exp(row))) for row in log_colours]
 
 
-def _best_pair(planes: PlaneShading, candidates: Candidates) -> list[_FittedLamp]:
-    """Return the two lamps that explain the cells best together; the best single lamp may be between them.
-
-    The first lamp of a pair is one of the best single ones that are not close to each other.
-    """
-    scores = _candidate_scores(planes, candidates, [], DIRECT_TO_AMBIENT_GRID)
-    order = np.argsort(-scores.max(axis=1))
-    seeds: list[int] = []
-    for row in order:
-        away = candidates.positions[seeds] - candidates.positions[row]
-        min_distance = MIN_SEED_SPACINGS * candidates.spacing
-        if len(seeds) < N_PAIR_SEEDS and (not seeds or np.linalg.norm(away, axis=1).min() > min_distance):
-            seeds.append(int(row))
-    pairs = []
-    for row in seeds:
-        ratio = float(DIRECT_TO_AMBIENT_GRID[scores[row].argmax()]) / 2
-        first = _lamp_of_row(candidates, row, ratio, scores, DIRECT_TO_AMBIENT_GRID)
-        pairs.append([first, _best_lamp(planes, candidates, [first], DIRECT_TO_AMBIENT_GRID)])
-    pairs.sort(key=lambda pair: -pair[1].score)
-    refined = [_refine_lamps(pair, planes, candidates, PAIR_ROUNDS)[0] for pair in pairs[:N_REFINED_PAIRS]]
-    return max(refined, key=lambda pair: pair[1].score)
-
-
 def _refine_lamps(
-    lamps: list[_FittedLamp], planes: PlaneShading, candidates: Candidates, rounds: int = ROUNDS
+    lamps: list[_FittedLamp], planes: PlaneShading, candidates: Candidates
 ) -> tuple[list[_FittedLamp], PlaneShading]:
     """Refine lamps by random local search, one at a time, with a search radius that shrinks by SHRINK per round.
 
@@ -339,7 +307,7 @@ def _refine_lamps(
     lamps and more ambient light leave the contrast of shadows unchanged.
     """
     generator = np.random.default_rng(0)
-    for step in range(rounds * len(lamps)):
+    for step in range(ROUNDS * len(lamps)):
         index = step % len(lamps)
         if index == 0:
             lamps, planes = balance_lamps(lamps, planes)

@@ -20,6 +20,8 @@ from metric_base.arrays import FloatArray
 MIN_COVERAGE = 1e-3
 #: Minimum fraction of the light that the objects remove from a pixel that changes.
 MIN_LOSS = 1e-3
+#: Pixels of the frame per pixel of glass from which only the mean of squares of this side is shown.
+MAX_STRETCH = 8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -184,7 +186,8 @@ def _over_plate(
     """Composite a foreground (h, w, 4) and a transmittance (h, w, 3) over a box of a plate (h, w, 3).
 
     The foreground receives the gain, the blur and the grain of the frame. `glasses` are the layers (h, w, 4) and
-    shifts (h, w, 2) of objects with glass. The blur hides that a rim one pixel wide shows any part of the background.
+    shifts (h, w, 2) of objects with glass. If both neighbours of a pixel show remote parts of the frame, as at a rim,
+    the pixel shows a mean of the frame.
     """
     import cv2
 
@@ -200,10 +203,19 @@ def _over_plate(
     if glasses:
         light = srgb_to_linear(plate)
         light[box.slices] *= transmittance
+        coarse = cv2.resize(light, None, fx=1 / MAX_STRETCH, fy=1 / MAX_STRETCH, interpolation=cv2.INTER_AREA)
     for glass, shift in glasses:
         x, y = np.meshgrid(np.arange(part.x0, part.x1), np.arange(part.y0, part.y1))
-        at = np.dstack([x + box.x0, y + box.y0]) + shift[covered]
-        behind = cv2.remap(light, at.astype(np.float32), None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT_101)
+        at = (np.dstack([x + box.x0, y + box.y0]) + shift[covered]).astype(np.float32)
+        rows = np.linalg.norm(np.diff(at, axis=0, prepend=at[:1], append=at[-1:]), axis=-1)
+        columns = np.linalg.norm(np.diff(at, axis=1, prepend=at[:, :1], append=at[:, -1:]), axis=-1)
+        stretch = np.maximum(np.minimum(rows[:-1], rows[1:]), np.minimum(columns[:, :-1], columns[:, 1:]))
+        weight = np.clip((stretch - 1) / (MAX_STRETCH - 1), 0.0, 1.0)[..., None]
+        sharp, mean = (
+            cv2.remap(source, (at + 0.5) / side - 0.5, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT_101)
+            for source, side in ((light, 1), (coarse, MAX_STRETCH))
+        )
+        behind = sharp + weight * (mean - sharp)
         layer = blur_layer(glass[covered] * np.dstack([behind, np.ones_like(opaque)]), look.blur)
         foreground[covered] += layer * (1 - foreground[covered][..., 3:])
     # two minima are much faster than one along the last axis

@@ -153,3 +153,15 @@ def test_glass_shows_the_shaded_plate_from_elsewhere_as_its_foreground() -> None
     seen = occlude_mutually([item, behind])[1]
     assert not seen.occluded.any()  # through the glass
     assert composite_objects(plate, [item, behind], look, 0).foreground[..., :3] == pytest.approx(0.0)
+
+
+def test_a_rim_whose_pixels_show_remote_parts_of_the_frame_has_their_mean() -> None:
+    """The pixels were as light or as dark as single pixels of the frame."""
+    plate = np.random.default_rng(3).integers(0, 2, (160, 200, 1), np.uint8).repeat(3, axis=-1) * 200
+    look = CameraLook(np.ones(3), np.zeros((2, 2)), np.zeros((8, 3)), 0.0)
+    shift = np.random.default_rng(4).uniform(20, 120, (20, 20, 2)).astype(np.float32)
+    rim = composite_objects(plate, [_glass_layer(shift=shift)], look, 0).foreground[5:15, 5:15, 1]
+    even = composite_objects(plate, [_glass_layer()], look, 0).foreground[5:15, 5:15, 1]
+    assert even.std() > 0.08
+    assert rim.std() < 0.2 * even.std()
+    assert rim.mean() == pytest.approx(0.4 * srgb_to_linear(plate).mean(), rel=0.1)

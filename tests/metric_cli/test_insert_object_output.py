@@ -46,4 +46,4 @@ def test_the_command_with_the_chosen_position_has_no_other_position() -> None:
     argv = ["scene", "--place", "8000", "--model", "a.glb", "--on=couch", "--xy", "1,2"]
     line = "insert-object scene --model a.glb --at frame=3,x=1.0,y=2.0 --facing 90"
     assert command_line([request], argv, has_out=True) == line
-    assert command_line(request, ["scene", "--place", "--model", "a.glb"], has_out=False) == f"{line} --out OUT.mp4"
+    assert command_line([request], ["scene", "--place", "--model", "a.glb"], has_out=False) == f"{line} --out OUT.mp4"

@@ -9,6 +9,7 @@ import signal
 import socket
 import subprocess
 import sys
+from argparse import ArgumentParser
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,8 @@ from explorer.catalogue import ReleaseCatalogue
 from explorer.routes import find_route
 from explorer.schemas import NodeAnswer, PriorAnswer, Problem, SearchAnswer
 from explorer.server.app import PREPARED, ReleaseServer, application, content_digest
+from metric_base.errors import InputError
+from metric_cli.subcommands.release import serve
 from metric_tree.tree import Tree
 from tests.explorer.conftest import WEB
 from tests.support.processes import started
@@ -395,3 +398,20 @@ def test_tools_of_the_model_context_protocol(catalogue: ReleaseCatalogue) -> Non
     assert [row["node"] for row in records["compare"]["nodes"]] == ["rat.n.01", "trackball.n.01"]
     assert records["scale"]["scale"] == pytest.approx(2, rel=0.1)
     assert "no such thing" in replies["refused"].content[0].text
+
+
+def test_serve_prepare_writes_the_tables_to_the_cache(
+    trees: list[Tree], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    parser = ArgumentParser()
+    serve.add_arguments(parser)
+    arguments = parser.parse_args(["--prepare", "--tree", str(trees[0].release.directory)])
+    monkeypatch.setenv("METRIC_TREE_CACHE", str(tmp_path / "cache"))
+    serve.run(arguments)
+    (folder,) = (tmp_path / "cache" / "pages").iterdir()
+    assert folder.name.startswith(trees[0].version)
+    assert all((folder / address).is_file() for address in PREPARED)
+    (tmp_path / "file").write_bytes(b"")
+    monkeypatch.setenv("METRIC_TREE_CACHE", str(tmp_path / "file"))
+    with pytest.raises(InputError, match=r"pages: expected a folder that can be written"):
+        serve.run(arguments)

@@ -1,6 +1,6 @@
 """Compare the posterior with alternatives to its rules, on scenes whose priors never saw their sizes.
 
-    python -m benchmarks.estimator.alternatives --raw RAW --cache DIR [--tables TABLES]
+    python -m benchmarks.estimator.alternatives --raw RAW --cache DIR [--tables TABLES] [--only WORDS]
 
 Alternatives:
 
@@ -73,8 +73,10 @@ def main() -> None:
     parser.add_argument("--raw", type=Path, required=True, help="folder of raw items")
     parser.add_argument("--cache", type=Path, required=True, help="folder of the built trees and measured rooms")
     parser.add_argument("--tables", type=Path, default=SHARED / "sizes", help="folder with the tables of real rooms")
+    parser.add_argument("--only", default="", help="settings whose names contain this text")
     arguments = parser.parse_args()
-    scenes = list(_all_scenes(arguments.raw, arguments.cache, arguments.tables))
+    scenes = _all_scenes(arguments.raw, arguments.cache, arguments.tables)
+    scenes = [scene for scene in scenes if arguments.only in scene.setting]
     lines: dict[str, list[tuple[str, ...]]] = defaultdict(list)
     for name, alternative in ALTERNATIVES.items():
         with alternative():
@@ -188,6 +190,8 @@ def _spread_ratios(scenes: Sequence[Scene]) -> Iterator[tuple[str, ...]]:
     for setting in ("ScanNet", "streets"):
         sizes: dict[str, list[FloatArray]] = defaultdict(list)
         of_setting = [scene for scene in scenes if scene.setting in (f"{setting}, even", f"{setting}, odd")]
+        if not of_setting:
+            continue
         for scene in of_setting:
             for item in scene.objects:
                 sizes[item.category].append(np.log(item.extents))

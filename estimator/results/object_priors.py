@@ -58,8 +58,8 @@ UNKNOWN_TYPE_PROBABILITY = 0.1
 PROBABILITY_STEP = 0.02
 #: Minimum number of classes in the table that a scene must have; one class does not indicate a scene type.
 MIN_CLASSES = 2
-#: Probability that an object is in one of the states that its prior does not describe. Chosen on even rooms of a source
-#: that the priors do not contain (docs/evidence/calibration.md).
+#: Probability that an object is in one of the states that its prior does not describe: an assumption, because boxes of
+#: rooms show too few states to choose it.
 STATE_PROBABILITY = 0.05
 
 

@@ -75,8 +75,8 @@ def main() -> None:
     parser.add_argument("--tables", type=Path, default=SHARED / "sizes", help="folder with the tables of real rooms")
     parser.add_argument("--only", default="", help="settings whose names contain this text")
     arguments = parser.parse_args()
-    scenes = _all_scenes(arguments.raw, arguments.cache, arguments.tables)
-    scenes = [scene for scene in scenes if arguments.only in scene.setting]
+    every = _all_scenes(arguments.raw, arguments.cache, arguments.tables)
+    scenes = [scene for scene in every if arguments.only in scene.setting]
     lines: dict[str, list[tuple[str, ...]]] = defaultdict(list)
     for name, alternative in ALTERNATIVES.items():
         with alternative():

@@ -6,7 +6,9 @@ import os
 import socket
 import threading
 import time
+from contextlib import nullcontext
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -94,3 +96,13 @@ def test_folders_have_a_bound(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(input_files, "MAX_ENTRIES", 2)
     with pytest.raises(InputError, match="at most 2 entries"):
         folder_entries(tmp_path)
+
+
+@pytest.mark.parametrize(("n", "is_listed"), [(100_000, True), (100_001, False)])
+def test_a_folder_has_at_most_100000_entries(
+    n: int, is_listed: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    entries = [SimpleNamespace(name=f"{k:06d}") for k in range(n)]
+    monkeypatch.setattr(input_files.os, "scandir", lambda _: nullcontext(entries))
+    with nullcontext() if is_listed else pytest.raises(InputError, match="at most 100,000 entries"):
+        assert len(folder_entries(tmp_path)) == n

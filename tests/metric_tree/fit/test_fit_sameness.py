@@ -88,11 +88,3 @@ def test_three_classes_determine_their_common_mean() -> None:
     known, default = shrunk_correlations(classes)
     assert (len(known), default.value) == (3, pytest.approx(0.7))
     assert shrunk_correlations({name: classes[name] for name in "ab"}) == ({}, IntraclassCorrelation(DEFAULT_MEAN, 0.2))
-
-
-@pytest.mark.parametrize(("n_rooms", "is_estimated"), [(8, True), (7, False)])
-def test_a_correlation_needs_eight_rooms_with_two_objects(n_rooms: int, is_estimated: bool) -> None:
-    """And any number of rooms with one object."""
-    scene = np.array([f"r{k}" for k in range(n_rooms)] * 2 + [f"single{k}" for k in range(20)])
-    x = np.random.default_rng(0).normal(0.0, 0.1, (len(scene), 2))
-    assert (class_correlation(x, np.full(len(scene), "s"), scene) is not None) == is_estimated

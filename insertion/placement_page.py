@@ -152,8 +152,9 @@ class PlacementPage(LocalPage):
     ) -> tuple[ObjectRequest, ...]:
         """Return the requests with object `number` at a pixel. Raises LookupError if it or the frame does not exist."""
         at = PixelPosition(self._images[index][0].name, *pixel)
-        moved = replace(self._requests[number], on=None, plane=None, at=at, facing=float(facing))
-        return (*self._requests[:number], moved, *self._requests[number + 1 :])
+        requests = list(self._requests)
+        requests[number] = replace(requests[number], on=None, plane=None, at=at, facing=float(facing))
+        return tuple(requests)
 
     def _place(self, requests: Sequence[ObjectRequest]) -> list[PlacedObject]:
         return place_objects(requests, self._scene.space, self._scene.footage.frames, self._tree)

@@ -1,6 +1,6 @@
 """Measure the processor time per frame and the peak memory of `insert-object` for a short and a long video.
 
-    python -m benchmarks.insertion.frame_cost --out DIR [--size 640x480 --lengths 60 240]
+    python -m benchmarks.insertion.frame_cost --out DIR [--size 640x480 --lengths 60 240 --objects 1]
 
 The videos show a synthetic room along a path forwards and backwards. The work folder is written from the ground truth,
 without a reconstruction. The time per frame is the difference between the processor seconds of both runs, divided by
@@ -42,6 +42,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--size", default="640x480", help="WIDTHxHEIGHT")
     parser.add_argument("--lengths", type=int, nargs=2, default=[60, 240], help="frames of the two videos")
+    parser.add_argument("--objects", type=int, default=1, help="number of copies of the model")
     parser.add_argument("--out", type=Path, required=True)
     options = parser.parse_args()
     width, height = (int(side) for side in options.size.split("x"))
@@ -51,14 +52,16 @@ def main() -> None:
         folder = options.out / f"{options.size}-{length}"
         if not (folder / FILE_NAME).is_file():
             synthetic_work(room("sitting room", 7, frames=N_POSES), lens, length, folder)
-        cpu, memory, record = run(folder)
+        cpu, memory, record = run(folder, options.objects)
         seconds.append(cpu)
         drawn = [frame["silhouette"] for frame in record["frames"] if frame["silhouette"] is not None]
         rows = np.mean([box["height"] for box in drawn]) if drawn else 0
         print(f"{options.size}, {length} frames: {cpu:.1f} CPU s, peak memory {memory:.0f} MiB, ", end="")
         print(f"object in {len(drawn)} frames, {rows:.0f} rows high", flush=True)
     frames = options.lengths[1] - options.lengths[0]
-    print(f"{options.size}: {(seconds[1] - seconds[0]) / frames:.3f} CPU s per frame", flush=True)
+    per_frame = (seconds[1] - seconds[0]) / frames
+    fixed = seconds[0] - per_frame * options.lengths[0]
+    print(f"{options.size}: {per_frame:.3f} CPU s per frame and {fixed:.1f} s fixed", flush=True)
     renderer, total = compositing_cost(options.out / f"{options.size}-{options.lengths[0]}")
     ratio = f"{total / renderer:.2f} times"
     print(f"{options.size}: renderer {renderer:.3f}, compositing {total:.3f} CPU s per frame: {ratio}")
@@ -97,10 +100,10 @@ def synthetic_work(world: World, lens: Lens, length: int, folder: Path) -> None:
     (folder / "result.json").write_text(json.dumps(result) + "\n", encoding="utf-8")
 
 
-def run(work: Path) -> tuple[float, float, dict[str, list[dict[str, dict[str, float]]]]]:
-    """Insert the object; return processor seconds, peak memory in MiB and the printed record."""
+def run(work: Path, n_objects: int) -> tuple[float, float, dict[str, list[dict[str, dict[str, float]]]]]:
+    """Insert copies of the object; return processor seconds, peak memory in MiB and the printed record."""
     out = work.with_name(f"{work.name}-out.mp4")
-    arguments = [work, "--model", MODEL, "--out", out, "--json"]
+    arguments = [work, *["--model", MODEL] * n_objects, "--out", out, "--json"]
     child = run_child(ours("insert-object", *arguments))
     if child.status:
         raise SystemExit(child.errors)

@@ -242,7 +242,7 @@ class Node:
         if regional is not None:
             return regional
 
-        # The contexts of the leaf `<id>/other` are copied to the node, with offsets from the centre of the leaf.
+        # The node has a copy of the contexts of its leaf `<id>/other`, whose offsets are from the centre of this leaf.
         corrections: dict[tuple[object, ...], FloatArray] = {}
         for child in self.children if prior.contexts else ():
             if any(set(prior.dims) <= set(child_dims) for child_dims in child.prior_dims):

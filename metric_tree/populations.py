@@ -2,9 +2,9 @@
 
 The table `populations.csv` is shipped with the program and applies to every release, as the variants do. A row is a
 context without an error of the source (`metric_tree.context.POPULATIONS`): the prior of its place and year has its
-median, and the weight of the row decreases with the difference in years, and by 0.7 if only its region is that of the
-query. Rows of other countries have no effect. A row without a year holds for every year. Rows of the world give a trend
-in time, for queries with a year.
+median, and the weight of the row decreases with the difference in years, and is multiplied by 0.7 if only its region is
+that of the query. Rows of other countries have no effect. A row without a year holds for every year. Rows of the world
+give a trend in time, for queries with a year.
 """
 
 from __future__ import annotations

@@ -53,9 +53,9 @@ MIN_WHOLE_RATIO = 0.8
 #: Maximum `focal_deviation`. Synthetic videos: walks round objects 0.008, straight ahead with a hand that sways by 2
 #: degrees 0.02, by 0.3 degrees 0.07, by none 0.5 and more. The errors are as large: 0.003, 0.01, 0.07, 0.4 to 0.8.
 MAX_FOCAL_STD = 0.1
-#: Minimum `focal_change` of a zoom, and in standard errors. Aerial images from above have frames that differ by 1 to
-#: 2 % at random; a zoom of 30 % during a walk is found as 31 % with an error of 0.2 %, and the shared focal length is
-#: wrong by 13 to 23 %.
+#: Minimum `focal_change` of a zoom, absolute and in multiples of its standard error. Aerial images from above have
+#: frames that differ by 1 to 2 % at random; a zoom of 30 % during a walk is found as 31 % with an error of 0.2 %, and
+#: the shared focal length is wrong by 13 to 23 %.
 MIN_ZOOM, MIN_ZOOM_ERRORS = 0.1, 4.0
 #: `focal_spread` with a warning: with all furniture moving by 3 cm a frame it is 0.0039, and the error 12 %. Of 68
 #: right models of real sets and their parts 6 have more.

@@ -27,7 +27,7 @@ Format = Literal["csv", "json", "jsonl", "properties", "xls", "yaml"]
 REASONS: Mapping[str, str] = {
     "no_size": "no outer size",
     "unreadable": "a length that cannot be parsed",
-    "out_of_bounds": "a size outside the declared bounds of the set: a wrong unit or a typing error",
+    "out_of_bounds": "a size outside the bounds of the set: a wrong unit or a typing error",
     "not_an_object": "parcel, ground, spare cover, service or another row that is not about an object",
     "part_not_whole": "the size of a part of the object",
     "flat_picture": "an image, print, page or mat, with the size of its sheet or frame",
@@ -42,6 +42,8 @@ REASONS: Mapping[str, str] = {
     "cut_by_scan": "part of the object was not observed: the size of the scanned part",
     "juvenile": "a young plant from a nursery",
 }
+#: Minimum and maximum extent in mm of a table that declares no bounds: finer than any object, longer than any ship.
+BOUNDS_MM = (0.1, 500_000.0)
 #: Relation of a file to the one at its address: the same file, the member of a zip archive with the SHA-256, or the
 #: JSON document on one line or with one value per line.
 Form = Literal["same", "zip", "json-line", "json-lines"]
@@ -150,7 +152,7 @@ class Table(_Declared, frozen=True, kw_only=True):
     flags: tuple[str, ...] = ()
     names: dict[str, dict[str, str]] = {}  #: Replacements of the values of a column: `{"sdn" = "saloon"}`.
     read: dict[str, Cases] = {}  #: Derived columns, for use in rules and templates.
-    bounds_mm: tuple[float, float] = (0.1, 500_000.0)  #: Minimum and maximum extent.
+    bounds_mm: tuple[float, float] = BOUNDS_MM  #: Minimum and maximum extent.
     refused: str = ""  #: Code of `REASONS` if all rows are rejected.
     note: str = ""  #: Explanation of `refused`.
 

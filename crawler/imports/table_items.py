@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Self
 
-from crawler.imports.declaration import REASONS, Rule, Source, Table
+from crawler.imports.declaration import BOUNDS_MM, REASONS, Rule, Source, Table
 from crawler.imports.table_files import FIELD, Row, record_rows, rows
 from crawler.items import BadRawItem, RawItem
 from crawler.text.cell_lengths import AXES, UnreadableLength, dimensions_mm, extents_mm, length_mm, measures
@@ -85,7 +85,7 @@ def row_item(
     words: Mapping[str, float | None] | None = None,
     *,
     extents: Sequence[float] | None = None,
-    bounds_mm: tuple[float, float] = (0.1, 500_000.0),
+    bounds_mm: tuple[float, float] = BOUNDS_MM,
     category: Sequence[str] = (),
     **texts: Any,
 ) -> RawItem:
@@ -250,7 +250,7 @@ def _first_group(pattern: str, text: str) -> str:
 def _length(table: Table, row: Row, axis: str) -> float | None:
     """Return the length of an axis in mm; if the axis is declared with `minus`, the distance of two coordinates."""
     declared = table.columns_of_axes[axis]
-    unit = declared.unit or table.unit or "mm"  # never mm by default: a declaration without any unit is rejected
+    unit = declared.unit or table.unit or "mm"  # the type only: a declaration without a unit is rejected
     if declared.minus:
         try:
             sides = float(row[declared.column]) - float(row[declared.minus])

@@ -24,7 +24,7 @@ MAX_BYTES = 32_000_000
 #: Maximum number of attributes of a tag: libxml2 takes quadratic time, and cannot be interrupted (200 s for 100,000
 #: attributes). Stored pages have at most 42.
 MAX_ATTRIBUTES = 250
-#: All tags of the root element, whose attributes libxml2 merges; the name stands for them in the count of attributes.
+#: Tags of the root element, whose attributes libxml2 merges, and their name in the count of attributes.
 _ROOT_TAG, _ROOT_NAME = re.compile(rb"<html(?=[\s/])", re.IGNORECASE), "mt-root"
 #: Control characters (C0 and C1) that are not white space.
 _CONTROLS = re.compile("[\x00-\x1f\x7f-\x9f]")

@@ -47,7 +47,7 @@ class Trust(IntEnum):
 
     PROSE = 0
     SCRIPT = 1  #: JSON in a script.
-    LOOSE = 2  #: A size, or axes stated one by one, that no label or heading announces.
+    LOOSE = 2  #: A size, or single axes, without a label or heading.
     AXES = 3  #: Single axes in a table of sizes.
     SIZE = 4  #: A labelled size.
     WHOLE = 5  #: A size with a label for the whole product.
@@ -133,10 +133,10 @@ def size_statements(page: Page, structured: Sequence[tuple[str, str]] = (), titl
 def best_statement(candidates: Iterable[Statement]) -> Statement | None:
     """Return the statement to use.
 
-    Statements are ranked by four criteria in this order: their origin (tables and labels before scripts and prose),
-    whether they have a label or heading and several lengths, their number of lengths, and their trust. If trusted
-    statements with the same number of lengths disagree, the size has the flag `contradicts_itself`. A size of two axes
-    is completed by a third axis that has a separate row: `Size (W x L): 140 x 200 cm`, `Height: 18 cm`.
+    Statements are ranked by four criteria in this order: whether they are from tables and labels, and not from scripts
+    and prose; whether they have a label or heading and several lengths; their number of lengths; and their `Trust`.
+    If trusted statements with the same number of lengths disagree, the size has the flag `contradicts_itself`. A size
+    of two axes is completed by a third axis that has a separate row: `Size (W x L): 140 x 200 cm`, `Height: 18 cm`.
     """
 
     def rank(statement: Statement) -> tuple[bool, bool, int, int]:

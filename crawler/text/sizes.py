@@ -21,7 +21,7 @@ from metric_base.length_units import UNIT_MARKS, UNIT_WORDS, filled_units, milli
 
 #: Maximum relative difference of one length stated twice: pages round to half a centimetre or an inch.
 MAX_RELATIVE_DIFFERENCE = 0.06
-#: Difference in mm that is always accepted: small items are rounded to a tenth of an inch.
+#: Difference in mm that is always accepted: small items are rounded to a quarter of an inch.
 MAX_ROUNDING_MM = 6.0
 #: Units of statements that are preferred to those in feet and inches, which are usually converted and rounded.
 METRIC = frozenset({"mm", "cm", "dm", "m"})

@@ -127,7 +127,7 @@ class MetricDepth:
 
 
 def network_sd(networks: Collection[str], median_depth_m: float) -> float:
-    """Return the standard deviation of the log scale of networks whose scene has this median depth."""
+    """Return the standard deviation of the log scale of networks, for a scene of this median depth in metres."""
     widest = max(NETWORK_SD.get(network, OTHER_NETWORK_SD) for network in networks)
     return TABLETOP_SD if median_depth_m < MAX_TABLETOP_M else widest
 

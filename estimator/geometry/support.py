@@ -35,7 +35,8 @@ MAX_CONTACT_FRACTION = 0.06
 # Maximum gap that is filled if neither masks nor category determine it (legs of cabinets, bags), relative to the height
 # of the points. Wall-mounted objects hang at least their height above the surface.
 MAX_UNOBSERVED_GAP = 0.35
-# `MAX_UNOBSERVED_GAP` if the masks show the lower end. It is not zero, because occluders also hide the foot in masks.
+# Maximum gap in place of `MAX_UNOBSERVED_GAP` if the masks show the lower end. It is not zero, because occluders also
+# hide the foot in masks.
 MAX_OBSERVED_GAP = 0.12
 # Minimum fraction of the gap that a mask covers if it shows a foot there.
 MIN_REACH_FRACTION = 0.5

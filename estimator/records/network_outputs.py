@@ -78,10 +78,12 @@ UNIDEPTH_KEYS = ("confidence", "rays")
 #: Standard deviation of the log scale that all images of a network share. On ETH3D, the mean relative errors of scale
 #: of MapAnything and Pi3X are .16 and .25 (map-anything-ggml); a normal error with this mean has 1.25 times its size.
 NETWORK_SD = {"mapanything": 0.20, "pi3x": 0.31}
-#: The same for other networks, of which no measurement on unseen scenes is known: that of the worse of these two.
+#: Standard deviation of the log scale of other networks, of which no measurement on unseen scenes is known: that of the
+#: worse of these two.
 OTHER_NETWORK_SD = 0.31
-#: The same for scenes closer than `MAX_TABLETOP_M`: an object of 9 x 16 cm was 1.8 times too large (Depth-Anything-3,
-#: issue 244), and an object of .47 m .58 m long with MASt3R (root mean square of ln 1.8 and ln 1.23).
+#: Standard deviation of the log scale of all networks for scenes closer than `MAX_TABLETOP_M`: an object of 9 x 16 cm
+#: was 1.8 times too large (Depth-Anything-3, issue 244), and an object of .47 m .58 m long with MASt3R (root mean
+#: square of ln 1.8 and ln 1.23).
 TABLETOP_SD = 0.44
 #: Maximum median depth in metres of a scene on a table.
 MAX_TABLETOP_M = 1.0

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from metric_base.arrays import FloatArray
 from metric_tree.fit.rows import KIND_WEIGHT
 
-#: Relative difference up to which two sizes are the same number after conversions of units: 1 mm for a sofa.
+#: Relative width of the bins in which two sizes are the same number after conversions of units: 1 mm for a sofa.
 SIZE_RELATIVE_TOLERANCE = 0.0005
 
 #: Code of a size that is not stated, far below every ln size.
@@ -41,7 +41,8 @@ def duplicates(
 
     Within a source and a node, rows are repeats if they have the same two or three different sizes, or one size and the
     same title; rows of the kind `measured` never are, because people, fish and trees were measured individually. Across
-    sources, rows are repeats if they have the same three extents and a common identifying word in the title. The row
+    sources, rows are repeats if they have the same three extents, of which two differ, and a common identifying word in
+    the title. The row
     that is not a repeat is one that is shipped, then of the stronger kind, then the first.
 
     Parameters

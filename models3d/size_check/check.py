@@ -200,10 +200,10 @@ def verdict_of(explanations: Sequence[ScaleHypothesis]) -> tuple[Verdict, float 
         by_kind[kind] += probability
     rotated = sum(row.probability for row in explanations if row.kind == "right" and row.is_rotated)
     wrong = 1 - by_kind["right"] - by_kind["unlike"]
-    worst = max((kind for kind in by_kind if kind not in ("right", "unlike")), key=lambda kind: by_kind[kind])
-    if wrong >= MIN_WRONG and (worst != "stretched" or by_kind[worst] >= MIN_STRETCHED):
-        factors = [factor for kind, factor in by_factor if kind == worst]
-        return VERDICTS[worst], max(factors, key=lambda factor: by_factor[(worst, factor)]), by_kind[worst]
+    likeliest = max((kind for kind in by_kind if kind not in ("right", "unlike")), key=lambda kind: by_kind[kind])
+    if wrong >= MIN_WRONG and (likeliest != "stretched" or by_kind[likeliest] >= MIN_STRETCHED):
+        factors = [factor for kind, factor in by_factor if kind == likeliest]
+        return VERDICTS[likeliest], max(factors, key=lambda factor: by_factor[(likeliest, factor)]), by_kind[likeliest]
     if rotated >= MIN_ROTATED:
         return "turned", None, rotated
     if by_kind["right"] >= max(by_kind["unlike"], wrong):

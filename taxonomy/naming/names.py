@@ -17,7 +17,7 @@ PERSON = "person.n.01"
 #: Suffix of the id of a leaf for items without a more specific name; only its complete name matches.
 _OTHER = "/other"
 
-#: Minimum difference of evidence between two senses; with less, the name is ambiguous.
+#: Minimum difference of evidence between the best node and the best unrelated one; with less, the name is ambiguous.
 MIN_CLEAR_MARGIN = 1.05
 
 #: Evidence of the name of a node, in units in which 1 is a clear difference. A label of COCO has more evidence than the

@@ -307,8 +307,8 @@ def test_textures_have_at_most_8192_x_8192_pixels_and_twice_as_many_in_all(
     ("nodes", "count", "mode", "message"),
     [
         (3, 1_000_000, 4, None),
-        (3, 1_000_001, 4, "at most 3000000 corners, found 3000003"),
-        (1, 6_000_000, 4, "at most 3000000 corners"),
+        (3, 1_000_001, 4, "at most 3000000 vertices, found 3000003"),
+        (1, 6_000_000, 4, "at most 3000000 vertices"),
         (2, 1_000_002, 5, "at most 2000000 triangles, found 2000004"),
         (2, 1_000_000, 5, None),
         (1, 6_000_001, 0, "count: expected a whole number from 1 to 6000000"),

@@ -51,6 +51,16 @@ def test_a_large_category_is_drawn_down_the_same_way_every_time(tmp_path: Path) 
     assert {item.source_id for item in again.items} == {item.source_id for item in result.items}
 
 
+def test_a_table_without_bounds_has_sizes_of_a_tenth_of_a_millimetre_to_half_a_kilometre(tmp_path: Path) -> None:
+    rows = "no,name,w\n1,A,0.09\n2,B,0.1\n3,C,500000\n4,D,500001\n"
+    result = made_up(tmp_path, REPEATED, table_csv=rows)
+    assert [item.source_id for item in result.items] == ["2", "3"]
+    assert [(one.reason, one.row) for one in result.rejected] == [
+        ("out_of_bounds", "table:1"),
+        ("out_of_bounds", "table:4"),
+    ]
+
+
 def test_an_excluded_source_has_no_items(tmp_path: Path) -> None:
     result = made_up(tmp_path, 'excluded = "parcels, not objects"')
     assert (result.items, result.rejected, result.n_rows) == ((), (), 0)

@@ -12,10 +12,7 @@ from estimator.association.proximity import MIN_LARGER_POINTS as MIN_PLACE_POINT
 from estimator.association.proximity import MIN_SMALLER_POINTS as MIN_LYING_POINTS
 from estimator.association.proximity import GroupClouds as GroupPlaces
 from estimator.association.proximity import relative_distance
-from estimator.association.tracks import MIN_COMMON_FRACTION as NOT_CONTRADICTED_SHARE
-from estimator.association.tracks import MIN_JOIN_AFFINITY as JOIN_SHARE
-from estimator.association.tracks import MIN_JOIN_IOU as JOIN_SHARE_ACROSS_CATEGORIES
-from estimator.association.tracks import shared_tracks
+from estimator.association.tracks import MIN_COMMON_FRACTION, MIN_JOIN_AFFINITY, MIN_JOIN_IOU, shared_tracks
 from estimator.projection.visibility import indicator_matrix, row_indices
 from estimator.records.scene import Instance
 
@@ -84,7 +81,7 @@ def plainly_placed(groups, instances, clouds, over, under):
                     and len({instance.view for instance in both}) == len(both)
                     and few >= MIN_LYING_POINTS
                     and many >= MIN_PLACE_POINTS
-                    and over[pairs].sum() >= NOT_CONTRADICTED_SHARE * under[pairs].sum()
+                    and over[pairs].sum() >= MIN_COMMON_FRACTION * under[pairs].sum()
                 ):
                     apart = relative_distance(places.of(tuple(first)), places.of(tuple(second)))
                     best = min(best, (apart, one, two))
@@ -103,14 +100,12 @@ def tracks_by_tables(instances, clouds):
         rows = np.array([row for row, instance in enumerate(instances) if instance.category == category])
         own = np.ix_(rows, rows)
         alone = [[k] for k in range(len(rows))]
-        joined = _merge_by_points(alone, views[rows], shared[own], (smaller + doubt)[own], JOIN_SHARE)
+        joined = _merge_by_points(alone, views[rows], shared[own], (smaller + doubt)[own], MIN_JOIN_AFFINITY)
         joined = [[int(rows[k]) for k in group] for group in joined]
         groups += plainly_placed(joined, instances, clouds, shared + doubt, smaller + doubt)
     return sorted(
         tuple(sorted(group))
-        for group in _merge_by_points(
-            groups, views, sums(shared, groups), sums(union, groups), JOIN_SHARE_ACROSS_CATEGORIES
-        )
+        for group in _merge_by_points(groups, views, sums(shared, groups), sums(union, groups), MIN_JOIN_IOU)
     )
 
 

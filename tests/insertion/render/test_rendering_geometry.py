@@ -180,10 +180,6 @@ def test_the_part_of_a_map_that_a_light_darkens() -> None:
     assert shadow_maps._part_of_map(shadow_maps._shadow_matrix(np.array([0.0, 0, 1]), 1.0, np.eye(3), 2.0), ends) == (
         0, 0, MAP_PIXELS, MAP_PIXELS,
     )  # fmt: skip
-    shifts = np.array([shadow_maps._shift(k) for k in range(200)]) * MAP_PIXELS
-    assert np.abs(shifts).max() <= 1
-    assert shifts.mean(axis=0) == pytest.approx([0, 0], abs=0.03)
-    assert len(np.unique(shifts.round(6), axis=0)) == 200
 
 
 def test_light_on_the_open_plane_falls_with_the_cube_of_the_distance() -> None:

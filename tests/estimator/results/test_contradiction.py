@@ -299,7 +299,7 @@ def test_a_length_is_improbable_below_one_in_ten_thousand_or_if_half_of_the_weig
         assert ("probability by the objects is less than 0.0001" in conflict.message) == (above < 1e-4 and kept >= 0.5)
         nearest = abs(math.log(above / 1e-4)) if n_classes == 2 else 4 * abs(math.log(kept / 0.5))
         distance[conflict.is_decisive] = min(distance[conflict.is_decisive], nearest)
-    assert max(distance.values()) < 0.26  # the series comes within a quarter, or 6 % of the weight, on both sides
+    assert max(distance.values()) < 0.35  # within a third (the step of the grid), or 9 % of the weight, on both sides
 
 
 @pytest.mark.parametrize(("n_right", "n_outliers", "is_warned"), [(5, 4, False), (5, 5, True), (3, 1, False)])

@@ -183,15 +183,17 @@ def test_the_preview_lists_the_options_of_each_place(prepared: InsertionScene, c
 def test_the_page_of_a_place_answers_with_the_box_the_picture_and_the_command(
     room: RecordedRoom, prepared: InsertionScene, cup: Path
 ) -> None:
-    page = PlacementPage(prepared, ObjectRequest(cup, on="couch", plane=3), None, lambda asked: f"at {asked.at}")
+    page = PlacementPage(
+        prepared, [ObjectRequest(cup, on="couch", plane=3)], None, lambda requests: f"at {requests[0].at}"
+    )
     kind, start = page.answer("start") or ("", b"")
     frames = json.loads(start)["frames"]
-    assert (kind, json.loads(start)["model"]) == ("application/json", "cup.glb")
+    assert (kind, json.loads(start)["models"]) == ("application/json", ["cup.glb"])
     assert [(one["number"], one["width"], one["height"]) for one in frames] == [(n, 640, 480) for n in range(5)]
     plain = cv2.imdecode(np.frombuffer((page.answer("frame/2") or ("", b""))[1], np.uint8), cv2.IMREAD_COLOR)
     own = cv2.imread(str(room.folder / "images" / frames[2]["name"]))
     assert np.abs(plain.astype(int) - own).mean() < 3  # JPEG
-    wish = "2/320/400/30"
+    wish = "0/2/320/400/30"
     corners = json.loads((page.answer(f"box/{wish}") or ("", b""))[1])["corners"]
     asked = ObjectRequest(cup, at=PixelPosition(frames[2]["name"], 320.0, 400.0), facing=30.0)
     (placed,) = place_in(prepared, [asked])
@@ -208,9 +210,9 @@ def test_the_page_of_a_place_answers_with_the_box_the_picture_and_the_command(
     assert drawn["command"] == f"at {asked.at}"
     assert drawn["says"][0].startswith("0.08 x 0.08 x 0.1 m on ")
     assert (page.answer(f"picture/{wish}") or ("", b""))[0] == "image/jpeg"
-    assert page.answer("box/9/320/400/30") is None
-    assert "refused" in json.loads((page.answer("box/2/5/5/0") or ("", b""))[1])
-    for body in (b"7", b"{}", b'{"frame": 2, "x": 5, "y": 5, "facing": 0}'):
+    assert page.answer("box/0/9/320/400/30") is None
+    assert "refused" in json.loads((page.answer("box/0/2/5/5/0") or ("", b""))[1])
+    for body in (b"7", b"{}", b'{"object": 0, "frame": 2, "x": 5, "y": 5, "facing": 0}'):
         assert (page.receive("done", body) or (0, {}))[0] == 400
     assert page.chosen is None
     assert page.receive("other", b"{}") is None

@@ -1,4 +1,4 @@
-"""Median sizes of the objects of a region and a year, from registers, standards and makers' data.
+"""Median sizes of the objects of a region and a year, written by a language model after documents that each row names.
 
 The table `populations.csv` is shipped with the program and applies to every release, as the variants do. A row is a
 context without an error of the source (`metric_tree.context.POPULATIONS`): the prior of its place and year has its

@@ -17,6 +17,8 @@ from metric_base.errors import InputError
 from metric_base.files import (
     OutputNames,
     check_folder,
+    check_output,
+    has_schema,
     inside,
     set_rules,
     sole_writer,
@@ -196,3 +198,59 @@ def test_a_lock_file_that_its_last_holder_removes_is_not_locked(
         assert note.exists()
     assert len(calls) == 3
     assert not note.exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("a" * 200, "a" * 200),
+        ("a" * 201, "a" * 200),
+        ("ä" * 101, "ä" * 100),
+        (f"{'a' * 300}.jpeg", f"{'a' * 195}.jpeg"),
+        (f"{'a' * 300}.12345678", f"{'a' * 191}.12345678"),
+        (f"{'a' * 300}.123456789", "a" * 200),
+        (f".{'a' * 300}", f".{'a' * 199}"),
+    ],
+)
+def test_a_long_name_is_cut_before_its_ending(name: str, expected: str) -> None:
+    assert inside(Path(), name) == Path(expected)
+
+
+def test_a_schema_is_read_from_the_beginning_of_a_file(tmp_path: Path) -> None:
+    files_of = {"a.json": b'{"schema": "metric-tree/a/1"}', "b.json.gz": b"\x1f\x8b", "c.parquet": b"PAR1", "d": b""}
+    for name, content in files_of.items():
+        (tmp_path / name).write_bytes(content)
+    found = {name: has_schema(tmp_path / name, "metric-tree/a/") for name in (*files_of, "missing")}
+    assert found == {"a.json": True, "b.json.gz": False, "c.parquet": False, "d": False, "missing": False}
+    assert not has_schema(tmp_path / "a.json", "metric-tree/b/")
+    for padding, is_found in ((512 - 29, True), (512 - 25, False)):
+        (tmp_path / "a.json").write_bytes(b" " * padding + files_of["a.json"])
+        assert has_schema(tmp_path / "a.json", "metric-tree/a/") is is_found
+
+
+def test_an_input_that_is_missing_is_not_compared_with_the_output(tmp_path: Path) -> None:
+    (out := tmp_path / "out").write_text("x")
+    set_rules([tmp_path / "missing"], overwrite=True)
+    check_output(out, "--out")
+    set_rules([out], overwrite=True)
+    with pytest.raises(InputError, match="is read in this run"):
+        check_output(out, "--out")
+    set_rules([], overwrite=False)
+
+
+def test_a_folder_that_cannot_be_replaced_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (out := tmp_path / "out").mkdir()
+    (out / "old.png").touch()
+    rename = Path.rename
+
+    def failing(path: Path, target: Path) -> Path:
+        if target == out and path.parent == tmp_path:
+            raise OSError("no space")
+        return rename(path, target)
+
+    monkeypatch.setattr(Path, "rename", failing)
+    set_rules([], overwrite=True)
+    with pytest.raises(OSError, match="no space"), whole_folder(out, suffix=".png"):
+        pass
+    set_rules([], overwrite=False)
+    assert [path.relative_to(tmp_path).as_posix() for path in sorted(tmp_path.rglob("*"))] == ["out", "out/old.png"]

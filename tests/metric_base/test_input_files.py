@@ -106,3 +106,23 @@ def test_a_folder_has_at_most_100000_entries(
     monkeypatch.setattr(input_files.os, "scandir", lambda _: nullcontext(entries))
     with nullcontext() if is_listed else pytest.raises(InputError, match="at most 100,000 entries"):
         assert len(folder_entries(tmp_path)) == n
+
+
+def test_the_first_bytes_of_a_pipe_and_of_a_file(tmp_path: Path) -> None:
+    reader, writer = os.pipe()
+    os.write(writer, b"abcdef")
+    os.close(writer)
+    assert read_bytes(Path(f"/dev/fd/{reader}"), most=3) == b"abc"
+    os.close(reader)
+    (tmp_path / "a").write_bytes(b"abcdef")
+    assert read_bytes(tmp_path / "a", most=3, limit=5) == b"abc"
+    assert read_bytes(tmp_path / "a", limit=6) == b"abcdef"
+    with pytest.raises(InputError, match="at most 5 bytes, found 6"):
+        read_bytes(tmp_path / "a", limit=5)
+
+
+def test_a_folder_that_is_missing_or_a_file(tmp_path: Path) -> None:
+    (tmp_path / "a").touch()
+    for name in ("a", "missing"):
+        with pytest.raises(InputError, match=f"{name}: folder: expected a readable folder, found N"):
+            folder_entries(tmp_path / name)

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import logging
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from metric_base import operating_system
-from metric_base.operating_system import growth_limit, is_alive, limit_memory, link_or_copy, lock
+from metric_base.operating_system import growth_limit, interrupts_blocked, is_alive, limit_memory, link_or_copy, lock
 from tests.support.processes import started
 from tests.synthetic.detectors import hue_graph
 
@@ -144,3 +146,55 @@ def test_graphics_use_egl_on_linux_alone(monkeypatch: pytest.MonkeyPatch) -> Non
     assert operating_system.gl_settings() == {"backend": "egl"}
     monkeypatch.setattr(sys, "platform", "darwin")
     assert operating_system.gl_settings() == {}
+
+
+def test_windows_locks_and_processes(monkeypatch: pytest.MonkeyPatch) -> None:
+    calls: list[tuple[int, ...]] = []
+
+    def locking(*words: int) -> None:
+        calls.append(words)
+        if len(calls) > 1:
+            raise PermissionError(13, "locked")
+
+    monkeypatch.setattr(sys, "platform", "win32")
+    monkeypatch.setitem(sys.modules, "msvcrt", SimpleNamespace(LK_NBLCK=2, locking=locking))  # type: ignore[arg-type]
+    lock(7)
+    with pytest.raises(BlockingIOError, match="locked"):
+        lock(7)
+    assert calls == [(7, 2, 1)] * 2
+    monkeypatch.setattr(os, "kill", lambda *_: pytest.fail("signal 0 is Ctrl-C on Windows"))
+    assert is_alive(1)
+
+
+def test_a_number_that_is_no_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert is_alive(os.getpid())
+    assert is_alive(10**30), "the system cannot tell"
+    for error, alive in ((ProcessLookupError, False), (PermissionError, True)):
+        monkeypatch.setattr(os, "kill", lambda *_, error=error: (_ for _ in ()).throw(error))
+        assert is_alive(1) is alive
+
+
+def test_interrupts_are_blocked_within_a_block_where_the_system_can(monkeypatch: pytest.MonkeyPatch) -> None:
+    def blocked() -> bool:
+        return signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+
+    with interrupts_blocked():
+        assert blocked()
+    assert not blocked()
+    mask = signal.pthread_sigmask
+    monkeypatch.delattr(signal, "pthread_sigmask")
+    with interrupts_blocked():
+        assert signal.SIGINT not in mask(signal.SIG_BLOCK, ())
+
+
+@pytest.mark.parametrize(("hard", "expected"), [(-1, 1000), (2000, 1000), (500, 500)])
+def test_a_limit_of_memory_is_at_most_that_of_the_system(
+    hard: int, expected: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import resource
+
+    given: list[tuple[int, int]] = []
+    monkeypatch.setattr(resource, "getrlimit", lambda _: (-1, hard))
+    monkeypatch.setattr(resource, "setrlimit", lambda _, limits: given.append(limits))
+    limit_memory(1000)
+    assert given == [(expected, hard)]

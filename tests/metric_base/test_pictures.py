@@ -16,7 +16,8 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from estimator.evidence.markers import refined_marker_corners
-from metric_base.images import decode_picture, read_picture
+from metric_base.errors import InputError
+from metric_base.images import ImageHeader, checked_picture, decode_picture, image_size, read_picture
 
 
 def bomb(width: int, height: int) -> bytes:
@@ -80,3 +81,28 @@ def test_a_damaged_tiff_has_markers_or_none(compression: str | None) -> None:
         decoded = decode_picture(data, cv2.IMREAD_GRAYSCALE)
         if decoded is not None:
             assert len(refined_marker_corners(decoded, dictionary)) <= 1
+
+
+@pytest.mark.parametrize(
+    ("millimetres", "is_used"), [(5.0, False), (5.5, True), (999.0, True), (1000.0, False), ("x", False), (None, False)]
+)
+def test_an_equivalent_focal_length_is_used_if_it_is_of_a_camera(millimetres: object, is_used: bool) -> None:
+    focal_px = ImageHeader("JPEG", 300, 400, {}, {0xA405: millimetres}, {}).focal_px
+    assert (focal_px is not None) is is_used
+    if focal_px is not None:
+        assert focal_px == pytest.approx(float(str(millimetres)) / 43.2666 * 500)
+
+
+@pytest.mark.parametrize(("stamp", "seconds"), [("2020:01:01 00:00:01 ", 63713433601), ("0000:00:00 00:00:00", None)])
+def test_the_time_of_a_photograph(stamp: str, seconds: float | None) -> None:
+    assert ImageHeader("JPEG", 3, 4, {}, {0x9003: stamp}, {}).taken_s == seconds
+    assert ImageHeader("JPEG", 3, 4, {}, {}, {}).taken_s is None
+
+
+def test_the_size_of_what_is_no_image_is_an_error(tmp_path: Path) -> None:
+    Image.new("L", (3, 4)).save(tmp_path / "a.png")
+    assert image_size(tmp_path / "a.png") == (3, 4)
+    (tmp_path / "b.png").write_bytes(b"x")
+    for read in (image_size, lambda path: checked_picture(path, cv2.IMREAD_COLOR)):
+        with pytest.raises(InputError, match=r"b\.png: image: expected an image .*, found something else"):
+            read(tmp_path / "b.png")

@@ -378,7 +378,7 @@ def _is_one_length(texts: Sequence[str], label: str) -> bool:
         return False
     size = consensus([stated[0] for stated in read])
     units = {stated[0].lengths[0].unit for stated in read}
-    return len(units) > 1 and size is not None and "contradicts_itself" not in size.flags
+    return len(units) > 1 and "contradicts_itself" not in size.flags
 
 
 def _split(pair: LabelValue) -> LabelValue | None:

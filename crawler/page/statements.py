@@ -152,9 +152,7 @@ def best_statement(candidates: Iterable[Statement]) -> Statement | None:
         for statement in ranked
         if statement.trust >= min(best.trust, Trust.SIZE) and len(statement.size.lengths) == len(best.size.lengths)
     ]
-    size = consensus([best.size, *peers])
-    if size is not None:
-        best = replace(best, size=size)
+    best = replace(best, size=consensus([best.size, *peers]))
     axes = {length.axis for length in best.size.lengths}
     if best.trust < Trust.AXES or len(best.size.lengths) != 2 or not axes <= {"length", "width", "height", "depth"}:
         return best
@@ -178,10 +176,10 @@ def _statements(pairs: Sequence[LabelValue], language: Language | None, title: s
             continue
         read = sizes(pair.value, pair.label, language, unit_in_brackets(pair.section))
         whole = [size for size in read if size.meaning == "whole"]
-        max_lengths = max((len(size.lengths) for size in whole), default=0)
-        size = consensus([size for size in whole if len(size.lengths) == max_lengths])
-        if size is None:
+        if not whole:
             continue
+        max_lengths = max(len(size.lengths) for size in whole)
+        size = consensus([size for size in whole if len(size.lengths) == max_lengths])
         if pair.place == "prose" and not vocabulary.is_dimension_label(plain(f"{pair.value} {pair.section}")):
             # prose without a word for a size must state three axes, or two axes and no other words
             is_stated = len(size.dimensions_mm()) >= (3 if vocabulary.is_foreign(plain(pair.value)) else 2)
@@ -216,8 +214,6 @@ def _trust(pair: LabelValue, is_announced: bool, title: str) -> Trust:
     if pair.place == "prose" or (pair.place == "line" and not (is_announced and vocabulary.is_stripped(label))):
         # a line of running text with a size is the seller's description, not the site's table
         return Trust.PROSE
-    if pair.place == "json":
-        return Trust.SCRIPT
     if vocabulary.is_stripped(label):
         return Trust.LOOSE
     if is_announced:
@@ -262,7 +258,7 @@ def _axis_statements(pairs: Iterable[LabelValue], language: Language | None, tit
             continue  # a depth without other axes is often the thickness of a board
         place = next(row.place for _, row in rows.values())
         is_single_line = place == "line" and len(lengths) < 2
-        trust = Trust.SCRIPT if place == "json" else Trust.PROSE if is_single_line else Trust.AXES
+        trust = Trust.PROSE if is_single_line else Trust.AXES
         text = "; ".join(_text(row) for _, row in rows.values())
         size = Size(lengths, "whole", "", flags_of(lengths))
         yield Statement(size, min(trust, Trust.LOOSE) if is_other else trust, text)
@@ -282,7 +278,7 @@ def _axis_length(pair: LabelValue, language: Language | None, title: str) -> Len
     length = single[0].lengths[0]
     same = consensus([size for size in single if size.lengths[0].axis in {None, length.axis}])
     # if a length is stated in two systems of units, prefer the metric value; the other is rounded
-    return length if same is None or "contradicts_itself" in same.flags else replace(same.lengths[0], axis=length.axis)
+    return length if "contradicts_itself" in same.flags else replace(same.lengths[0], axis=length.axis)
 
 
 def _is_of_part(label: str) -> bool:

@@ -63,8 +63,8 @@ def _size_and_text(link: Element, url: str, page: Page, site: Site) -> tuple[Siz
         links = {absolute_url(page.url, other.get("href") or "") for other in box.iter("a")}
         if any(other and other != url and site.is_product(other) for other in links):
             return None
-        read = [size for size in sizes(text, site.listed_order, page.language) if len(size.lengths) == 3]
-        size = consensus([size for size in read if size.meaning == "whole"])
-        if size is not None:
-            return size, text
+        read = sizes(text, site.listed_order, page.language)
+        whole = [size for size in read if size.meaning == "whole" and len(size.lengths) == 3]
+        if whole:
+            return consensus(whole), text
     return None

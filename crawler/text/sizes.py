@@ -173,18 +173,15 @@ def flags_of(lengths: Sequence[Length]) -> tuple[str, ...]:
     return tuple(flags)
 
 
-def consensus(statements: Sequence[Size]) -> Size | None:
-    """Combine several statements of one size.
+def consensus(statements: Sequence[Size]) -> Size:
+    """Combine several statements of one size, at least one.
 
     Returns
     -------
-    Size or None
+    Size
         The statement with the most lengths, then with the most axes, then in metric units. Without axes, it takes those
-        of a statement with the same lengths. The flag `contradicts_itself` is added if a statement differs. None
-        without statements.
+        of a statement with the same lengths. The flag `contradicts_itself` is added if a statement differs.
     """
-    if not statements:
-        return None
 
     def rank(size: Size) -> tuple[int, int, bool]:
         lengths = size.lengths

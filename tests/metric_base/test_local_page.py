@@ -67,7 +67,7 @@ def test_only_requests_for_the_page_are_answered(host: str, path: str, below: st
 
 class _Form(_Page):
     def receive(self, path: str, body: bytes) -> tuple[int, dict[str, Any]] | None:
-        return 200, {"bytes": len(body)}
+        return 200, {"at": path, "bytes": len(body)}
 
 
 @pytest.mark.parametrize(("length", "status"), [("1048576", 200), ("1048577", 404), ("1e3", 404)])

@@ -6,6 +6,7 @@ import gzip
 import io
 import json
 import tarfile
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -120,10 +121,32 @@ def test_a_listing_without_id_has_that_of_its_line(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("sides", "is_filled_in"), [((1.0, 1, 1.0), False), ((1.0, 1, 2.0), True), ((0.77, 1, 1), True)]
+    ("sides", "is_filled_in"),
+    [
+        ((1.0, 1, 1.0), False),
+        ((1.0, 1, 2.0), True),
+        ((0.77, 1, 1), True),
+        ((0.769231,) * 3, True),
+        ((1.3,) * 3, True),
+        ((1, 1), True),
+    ],
 )
 def test_a_box_of_one_by_one_by_one_is_a_form_that_was_not_filled_in(
     sides: tuple[float, ...], is_filled_in: bool, tmp_path: Path
 ) -> None:
-    stated = {name: axis(side) for name, side in zip(("length", "width", "height"), sides, strict=True)}
+    stated = {name: axis(side) for name, side in zip(("length", "width", "height"), sides, strict=False)}
     assert bool(imported(tmp_path, listing("B1", item_dimensions=stated)).items) == is_filled_in
+
+
+@pytest.mark.parametrize(("n", "is_read"), [(1000, True), (1001, False)])
+def test_at_most_a_thousand_empty_lines_follow_each_other(n: int, is_read: bool, tmp_path: Path) -> None:
+    text = json.dumps(listing("A1")) + "\n" * n + "\n" + json.dumps(listing("A2")) + "\n \n" + json.dumps(listing("A3"))
+    (tmp_path / "listings_0.json").write_text(text)
+    with nullcontext() if is_read else pytest.raises(BadTable, match="found 1000 empty lines in a row"):
+        assert import_source(source("abo"), tmp_path).n_rows == 3
+
+
+@pytest.mark.parametrize(("value", "reason"), [(9e8, "out_of_bounds"), (1e9, "unreadable"), (-1e9, "unreadable")])
+def test_a_number_of_a_listing_is_below_a_billion(value: float, reason: str, tmp_path: Path) -> None:
+    result = imported(tmp_path, listing("A1", item_dimensions={"height": axis(value, "millimeters")}))
+    assert reasons(result)[0][0] == reason

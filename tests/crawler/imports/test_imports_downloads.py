@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import shutil
 import threading
 import zipfile
 from collections import Counter
@@ -147,6 +148,9 @@ def test_a_file_is_made_of_what_lies_at_the_address(
     site.pages["/public"] = public
     kept = download(table) / "table.csv"
     assert kept.read_bytes() == made
+    shutil.rmtree(kept.parent / ".public")
+    assert download(table) == kept.parent
+    assert site.asked["/public"] == 1, "the file is there"
     kept.write_bytes(b"spoilt")
     assert (download(table) / "table.csv").read_bytes() == made
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from contextlib import nullcontext
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -13,8 +14,8 @@ import pytest
 from crawler.imports import Import, import_source, row_items
 from crawler.imports.declaration import source
 from crawler.imports.downloads import NoInput
-from crawler.imports.importer import source_folder
-from crawler.imports.table_files import BadTable
+from crawler.imports.importer import changed_files, source_folder
+from crawler.imports.table_files import BadTable, flat
 from tests.crawler.imports.invented_tables import made_up, reasons, sizes
 
 #: Lists of lists of the same list: a few lines that stand for a billion values.
@@ -144,3 +145,34 @@ def test_a_file_that_no_table_reads_is_no_input(tmp_path: Path, name: str) -> No
     os.mkfifo(file) if name == "pipe" else file.write_text("h\n3\n")
     with pytest.raises(NoInput, match=r"expected a folder, or a file such as abalone\.csv"):
         source_folder(source("abalone"), file)
+
+
+@pytest.mark.parametrize(("excess", "is_read"), [(0, True), (1, False)])
+def test_a_table_has_at_most_two_gibibytes(
+    excess: int, is_read: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stat, large = Path.stat, os.stat_result((0o100644, *[0] * 5, (1 << 31) + excess, 0, 0, 0))
+    monkeypatch.setattr(Path, "stat", lambda path, **named: large if path.suffix == ".csv" else stat(path, **named))
+    with nullcontext() if is_read else pytest.raises(BadTable, match="expected at most 2,147,483,648 bytes"):
+        made_up(tmp_path, TABLE.format(format="csv"), table_csv="h\n3\n")
+
+
+@pytest.mark.parametrize(("n", "is_read"), [(100_000, True), (100_001, False)])
+def test_a_record_has_at_most_100000_values(n: int, is_read: bool) -> None:
+    with nullcontext() if is_read else pytest.raises(ValueError, match="more than 100,000 values"):
+        assert flat(list(range(n)))["99999"] == "99999"
+
+
+def test_a_folder_without_tables_of_standard_parts(tmp_path: Path) -> None:
+    with pytest.raises(BadTable, match=r"expected \*\.blt; found no such file"):
+        list(row_items(source("bolts"), tmp_path))
+
+
+def test_a_file_that_differs_from_the_declared_one_is_named_if_it_exists(tmp_path: Path) -> None:
+    declared = source("abalone")
+    file = tmp_path / declared.files[0].path
+    assert list(changed_files(declared, tmp_path)) == []
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text("other")
+    assert list(changed_files(declared, tmp_path)) == [file]
+    assert list(changed_files(declared, file)) == [file]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import signal
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -81,6 +82,23 @@ def test_work_over_the_budget_is_interrupted_and_the_timer_is_gone(swallowing: i
 
     assert processor_seconds(work, 2) < 2
     assert signal.getitimer(signal.ITIMER_PROF) == (0.0, 0.0)
+
+
+def test_there_is_no_limit_in_other_threads_and_on_systems_without_a_timer(monkeypatch: pytest.MonkeyPatch) -> None:
+    def work() -> None:
+        with processor_budget(1e-3):
+            until = time.thread_time() + 0.01
+            while time.thread_time() < until:
+                pass
+            done.append(signal.getitimer(signal.ITIMER_PROF))
+
+    done: list[tuple[float, float]] = []
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+    monkeypatch.delattr(signal, "setitimer")
+    work()
+    assert done == [(0.0, 0.0)] * 2
 
 
 def test_a_search_without_an_end_is_interrupted() -> None:

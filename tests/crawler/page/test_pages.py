@@ -5,7 +5,7 @@ from __future__ import annotations
 import gzip
 import json
 import re
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from pathlib import Path
 
 import pytest
@@ -16,6 +16,7 @@ from crawler.items import RawItem
 from crawler.page.page import BadPage, page, saved_page
 from crawler.page.urls import canonical_url
 from crawler.sites.registry import SITES, item_of, site_of
+from crawler.sites.site import Site
 from metric_cli.subcommands import main
 from tests.support.processor_time import processor_seconds
 
@@ -135,6 +136,57 @@ def test_embedded_json_is_said_to_be() -> None:
     state = json.dumps({"specs": [{"name": axis, "value": text} for axis, text in sizes.items()]})
     found = item(f"<h1>Bell</h1><script>window.__STATE__ = {state};</script>")
     assert (found.extents_mm, found.flags) == ((117, 43, 25), ("from_script",))
+
+
+@pytest.mark.parametrize(
+    ("pair", "extents_mm"),
+    [
+        ('"name":"Dimensions","value":"30 x 40 x 50 cm"', (500, 400, 300)),
+        ('"name":"Size","value":"30 x 40 cm without stand"', (400, 300)),
+        ('"name":"Height","value":"tall"', None),
+        ('"name":"Colour","value":"30 x 40 x 50 cm"', None),
+        ('"name":"Seat height","value":"45 cm"', None),
+        ('"name":"Package dimensions","value":"30 x 40 x 50 cm"', None),
+    ],
+)
+def test_a_pair_of_a_script_is_a_size_if_its_label_is_one(pair: str, extents_mm: tuple[float, ...] | None) -> None:
+    found = item(f"<h1>Bell</h1><script>[{{{pair}}}]</script>")
+    assert (found.extents_mm, found.flags) == (extents_mm, ("from_script",) if extents_mm else ("no_size",))
+    table = item(f"<h1>Bell</h1><ul><li>Size: 1 x 2 m</li></ul><script>[{{{pair}}}]</script>")
+    assert (table.extents_mm, table.flags) == ((2000, 1000), ()), "a table of the page is used first"
+
+
+@pytest.mark.parametrize(
+    ("text", "title", "brand"),
+    [
+        ('<!--{"@type": "Product", "name": "Lamp", "brand": [{"name": "Glow"}]};-->', "Lamp", "Glow"),
+        ("{&quot;@type&quot;: &quot;Product&quot;, &quot;name&quot;: &quot;Lamp&quot;}", "Lamp", None),
+        ('[3, null, ["@type"], {"@type": ["Thing", "Product"], "name": ["Lamp"], "brand": []}]', "Lamp", None),
+        ('{"mainEntity": {"@type": "http://schema.org/Product", "name": "Lamp", "brand": 3}}', "Lamp", None),
+        ('{"@type": "Product", "name": "Lamp"', "Bell", None),
+        ('{"@type": "Thing", "name": "Lamp"}', "Bell", None),
+    ],
+)
+def test_linked_data_as_shops_write_it(text: str, title: str, brand: str | None) -> None:
+    found = item(f'<h1>Bell</h1><script type="application/ld+json">{text}</script>')
+    assert (found.title, found.brand) == (title, brand)
+
+
+def test_separators_are_no_categories() -> None:
+    site = Site(name="shop", hosts=("shop",), category="//ul/li")
+    body = "<h1>Lamp</h1><ul><li>Home</li><li>\u203a</li><li> / </li><li></li><li>Lamps</li><li>&gt;</li></ul>"
+    read = page(body.encode(), "https://shop.example/p", "text/html; charset=utf-8")
+    assert site.product(read).category_path == ("Home", "Lamps")
+
+
+@pytest.mark.parametrize(("excess", "is_read"), [(0, True), (1, False)])
+def test_a_page_in_memory_has_at_most_32_megabytes(excess: int, is_read: bool) -> None:
+    class Long(bytes):
+        def __len__(self) -> int:
+            return 32_000_000 + excess
+
+    with nullcontext() if is_read else pytest.raises(BadPage, match="expected at most 32000000 bytes"):
+        assert page(Long(b"<p>a</p>"), "https://www.shop.example:80/p").host == "shop.example"
 
 
 def test_other_products_are_left_out() -> None:

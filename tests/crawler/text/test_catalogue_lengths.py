@@ -167,3 +167,8 @@ def test_a_diameter_counts_twice() -> None:
     assert extents_mm({"diameter": 80, "height": 95}) == (95, 80, 80)
     assert extents_mm({"diameter": 23}) == (23, 23)
     assert extents_mm({"width": 90, "height": 95, "diameter": 80}) == (95, 90, 80)
+
+
+def test_a_number_that_has_two_decimal_marks_is_no_length() -> None:
+    assert [one.mm for one in measures("1,234,567 mm, 3 mm", decimal=",")] == [3]
+    assert [one.mm for one in measures("1,234,567 mm, 3 mm")] == [1234567, 3]

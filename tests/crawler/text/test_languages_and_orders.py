@@ -51,7 +51,6 @@ def test_each_number_has_its_own_axis_and_what_is_no_length_is_left_out(
     text: str, expected: list[tuple[float, str | None]]
 ) -> None:
     size = consensus(sizes(text, "", "en"))
-    assert size is not None
     assert [(pytest.approx(length.mm), length.axis) for length in size.lengths] == expected
 
 

@@ -47,7 +47,6 @@ CASES = [
 @pytest.mark.parametrize(("text", "label", "language", "expected"), CASES, ids=[case[0] for case in CASES])
 def test_sizes_as_pages_write_them(text: str, label: str, language: Language, expected: object) -> None:
     size = consensus([found for found in sizes(text, label, language) if found.meaning == "whole"])
-    assert size is not None
     assert "contradicts_itself" not in size.flags
     if isinstance(expected, dict):
         assert size.dimensions_mm() == pytest.approx(expected, abs=0.06)
@@ -131,7 +130,6 @@ def test_parts_in_the_text_of_the_whole() -> None:
 
 def test_systems_that_contradict_each_other_are_flagged() -> None:
     size = consensus(sizes("10 x 20 x 30 in (10 x 20 x 30 cm)", "Dimensions", "en"))
-    assert size is not None
     assert size.flags == ("contradicts_itself",)
 
 
@@ -194,3 +192,37 @@ def test_nothing_crashes_it_and_nothing_absurd_goes_unflagged(text: str, label: 
             assert math.isfinite(length.mm)
             assert length.low_mm <= length.high_mm
             assert low <= length.mm <= high or "absurd_size" in size.flags
+
+
+@pytest.mark.parametrize(
+    ("texts", "named", "flags"),
+    [
+        (["10 x 20 cm", "H 10 cm x W 20 cm"], {"height": 100, "width": 200}, ()),
+        (["10 x 20 cm", "H 10.5 cm x W 20.5 cm"], {"height": 105, "width": 205}, ()),
+        (["4 x 8 in", "10 x 20 cm"], {}, ()),
+        (["10 x 20 cm", "H 15 cm x W 20 cm"], {"height": 150, "width": 200}, ("contradicts_itself",)),
+        (["10 x 20 x 30 cm", "H 10 cm x W 20 cm"], {}, ()),
+        (["10 x 20 x 30 cm", "H 10 cm x W 40 cm"], {}, ("contradicts_itself",)),
+        (["H 10 cm x W 20 cm", "W 10 cm x H 20 cm"], {"height": 100, "width": 200}, ("contradicts_itself",)),
+        (["H 10 cm x W 20 cm", "20 x 10 cm"], {"height": 100, "width": 200}, ()),
+    ],
+)
+def test_of_several_statements_the_most_complete_is_used(
+    texts: list[str], named: dict[str, float], flags: tuple[str, ...]
+) -> None:
+    for ordered in (texts, texts[::-1]) if named.keys() == {"height", "width"} and not flags else (texts,):
+        size = consensus([sizes(text)[0] for text in ordered])
+        assert (size.dimensions_mm(), size.flags) == (named, flags)
+
+
+@pytest.mark.parametrize(
+    ("text", "mm"),
+    [
+        ("15.5 in. (39 cm)", [390]),
+        ("15.5 in. (60 cm)", [393.7, 600]),
+        ("39 cm (15.5 in)", [390]),
+        ("39 cm (41 cm)", [390, 410]),
+    ],
+)
+def test_a_length_in_brackets_is_the_same_length_if_it_is_equal_in_another_unit(text: str, mm: list[float]) -> None:
+    assert [length.mm for size in sizes(text, "Height") for length in size.lengths] == mm

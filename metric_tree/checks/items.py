@@ -101,8 +101,7 @@ def _row_findings(items: pa.Table, node_id: str, sizes: FloatArray, extents: Flo
     if copies > MAX_DUPLICATE_FRACTION:
         yield Finding("W308", node_id, f"expected distinct rows; found {copies:.0%} of {len(node)} to be copies")
     reference = unit_errors.class_reference(extents)
-    if reference is None:
-        return
+    assert reference is not None  # of at least `MIN_REFERENCE_ROWS` rows
     factors = unit_errors.unit_error_factors(extents, reference)
     for row in np.flatnonzero(factors != 1.0):
         text = f"extents_mm: expected about {_centre(reference)}; found {_size_text(extents[row])}"

@@ -279,13 +279,28 @@ def _menu_of_sizes(lengths: int) -> Error:
     return change
 
 
+def _steps(error: float) -> Error:
+    """Give the swivel chairs heights in steps of 10 mm, the last of which has an error."""
+
+    def sizes(number: int, _: dict[str, Any]) -> dict[str, Any]:
+        return {"length_mm": 600.0, "width_mm": 500.0, "height_mm": 900.0 + 10 * number + error * (number == 13)}
+
+    return _resize("swivel_chair.n.01", sizes)
+
+
 @pytest.mark.parametrize(
     ("code", "below", "above"),
     [
         ("W313", _second_source(1.49), _second_source(1.51)),
         ("W308", _some_copies(2), _some_copies(3)),  # 14 % and 21 % of the rows
         ("W312", _menu_of_sizes(2), _menu_of_sizes(3)),
+        ("W312", _steps(0.012), _steps(0.008)),
         ("E303", _set(ITEM, 0, height_mm=4.9e6), _set(ITEM, 0, height_mm=5.1e6)),
+        ("E303", _set(ITEM, 0, height_mm=0.011), _set(ITEM, 0, height_mm=0.009)),
+        ("E303", _set(ITEM, 0, extents_mm=[4.9e6]), _set(ITEM, 0, extents_mm=[5.1e6])),
+        ("E304", _set(ITEM, 0, extents_mm=[9.0, 9.000007]), _set(ITEM, 0, extents_mm=[9.0, 9.000012])),
+        ("E304", _set(ITEM, 0, length_mm=9.0, width_mm=9.000007), _set(ITEM, 0, length_mm=9.0, width_mm=9.000012)),
+        ("E307", _set(ITEM, 0, **dict.fromkeys(SIZES)), _set(ITEM, 0, **dict.fromkeys((*SIZES, "extents_mm")))),
     ],
 )
 def test_thresholds_of_the_checks_of_items(tmp_path: Path, code: str, below: Error, above: Error) -> None:
@@ -328,6 +343,7 @@ def _eigenvalue(column: str, value: float) -> Error:
         ),
         ("E405", _set(PRIOR, 0, borrowed=0.5), _set(PRIOR, 0, dims=[])),
         ("E405", _set(PRIOR, 0, borrowed=1.0), _set(PRIOR, 0, borrowed=1.01)),
+        ("E403", lambda _: None, _set(PRIOR, 0, means=[[6.0, 6.0], [6.0]])),
         ("E405", _set(PRIOR, 0, borrowed=0.0), _set(PRIOR, 0, borrowed=-0.01)),
     ],
 )
@@ -381,3 +397,11 @@ def test_a_node_has_a_synset_or_the_id_of_an_insertion(
     _named(node_id, synset)(content)
     found = findings(minitree.release(tmp_path / "r", content).directory)
     assert (node_id in {finding.subject for finding in found if finding.code == "W213"}) == is_found
+
+
+@pytest.mark.parametrize(("dims", "is_found"), [(["height"], False), ([], False), (["depth"], True)])
+def test_the_dimensions_of_a_node_are_axes_or_extents(tmp_path: Path, dims: list[str], is_found: bool) -> None:
+    content = minitree.rows()
+    _node(content, "mt:bar_stool").update(dims=dims)
+    found = findings(minitree.release(tmp_path / "r", content).directory)
+    assert any("dims: expected among length" in one.message for one in found if one.code == "E208") == is_found

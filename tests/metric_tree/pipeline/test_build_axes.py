@@ -47,6 +47,21 @@ poses = st.sampled_from(["upright", "flat", "any"])
             "upright",
             Sizes(2000, 900, 800, (2000, 900, 800)),
         ),
+        (
+            {"length": 900, "width": 2000, "depth": 903, "height": 800},
+            "upright",
+            Sizes(2000, 903, 800, (2000, 903, 800)),
+        ),
+        (
+            {"length": 900, "width": 2000, "depth": 2005, "height": 800},
+            "upright",
+            Sizes(2000, 900, 800, (2000, 900, 800)),
+        ),
+        # a single size of a flat object is its length only if the word states it
+        ({"length": 300}, "flat", Sizes(300, None, None, (300,))),
+        ({"width": 300}, "flat", Sizes(None, None, None, (300,))),
+        ({"length": 300, "width": 200}, "flat", Sizes(300, 200, None, (300, 200))),
+        ({"length": 300, "height": 20}, "flat", Sizes(None, None, None, (300, 20))),
         ({"width": 40, "height": 60}, "any", Sizes(None, None, None, (60, 40))),
     ],
 )

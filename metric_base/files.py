@@ -403,8 +403,7 @@ def _safe_part(part: str) -> str:
         return text
     stem, dot, ending = text.rpartition(".")
     ending = f"{dot}{ending}" if stem and len(ending) <= 8 else ""
-    room = MAX_NAME_BYTES - len(ending.encode())
-    return text.encode()[:room].decode(errors="ignore") + ending
+    return text.encode()[: MAX_NAME_BYTES - len(ending.encode())].decode(errors="ignore") + ending
 
 
 @contextmanager

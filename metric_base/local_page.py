@@ -55,8 +55,7 @@ class LocalPage(ABC):
 
     def serve(self) -> None:
         """Serve the page until the user has finished."""
-        thread = threading.Thread(target=self._server.serve_forever, args=(POLL_SECONDS,), daemon=True)
-        thread.start()
+        threading.Thread(target=self._server.serve_forever, args=(POLL_SECONDS,), daemon=True).start()
         try:
             while not self._finished.wait(0.2):  # a wait without a limit would block Ctrl-C
                 continue

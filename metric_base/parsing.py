@@ -140,8 +140,7 @@ def csv_rows(file: Path, text: str | None = None) -> tuple[list[str], list[tuple
     """
     reader = csv.DictReader((read_text(file) if text is None else text).splitlines(), skipinitialspace=True)
     try:
-        names = list(reader.fieldnames or ())
-        return names, [(reader.line_num, record) for record in reader]
+        return list(reader.fieldnames or ()), [(reader.line_num, record) for record in reader]
     except csv.Error as error:
         line = reader.line_num + 1
         raise InputError.at(file, f"line {line}", "comma-separated values", Unquoted(str(error))) from None
@@ -179,8 +178,7 @@ def table_rows(
             cells = [(name, header.index(name)) for name in columns]
             name_of_file = str(file)
             for row in filter(None, reader):
-                short = len(row) < len(header)
-                filled = [*row, *[""] * (len(header) - len(row))] if short else row
+                filled = [*row, *[""] * (len(header) - len(row))] if len(row) < len(header) else row
                 yield f"{name_of_file}:{reader.line_num}", {name: filled[place] for name, place in cells}
     except OSError as error:
         raise error_type(f"{file}: expected a table; found {error.strerror}") from None

@@ -61,8 +61,7 @@ def ply_layout(
         raise FieldError(element, "scalar properties", Unquoted("a list property"))
     vertex = _record(form, properties)
     if not set(required) <= set(vertex.names or ()):
-        expected = f"properties {', '.join(sorted(required))}"
-        raise FieldError(element, expected, [name for _, name in properties])
+        raise FieldError(element, f"properties {', '.join(sorted(required))}", [name for _, name in properties])
     if form == "ascii":
         skipped, smallest = sum(n for _, n, _ in before), 2 * len(properties)
     else:

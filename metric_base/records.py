@@ -11,7 +11,6 @@ import io
 import re
 import tomllib
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import fields as dataclass_fields
 from dataclasses import is_dataclass
 from functools import cache
 from pathlib import Path
@@ -143,8 +142,6 @@ def toml_record(path: Path, kind: type[Record], error_type: type[InputError] = B
 
 def _fields(kind: type) -> dict[str, bool]:
     """Return True if each field is required, by name."""
-    if is_dataclass(kind):
-        return {one.name: one.default is one.default_factory for one in dataclass_fields(kind)}
     return {one.name: one.required for one in msgspec.structs.fields(kind)}
 
 

@@ -18,16 +18,13 @@ import pyarrow as pa
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError, UnknownKey
 from metric_tree.axes import EXTENTS
-from metric_tree.prior import Prior
+from metric_tree.prior import STATED_SHARED, Prior
 from metric_tree.release.release import Release
 from metric_tree.tiers import Evidence, is_at_least
 
 if TYPE_CHECKING:
     from metric_tree.context import ContextModel, KnownContexts, Where
     from metric_tree.variants import StatedSize, Variant
-
-#: Fraction of the variance of a state that objects of one scene have in common, as for a judged range.
-SHARED = 0.35
 
 
 def state_priors(node_id: str, record: Sequence[Mapping[str, Any]]) -> dict[str, Prior]:
@@ -55,8 +52,8 @@ def state_priors(node_id: str, record: Sequence[Mapping[str, Any]]) -> dict[str,
             dims=dims,
             weights=np.ones(1),
             means=np.log(size)[None],
-            covariances=(1 - SHARED) * variance[None],
-            shared_covariance=SHARED * variance,
+            covariances=(1 - STATED_SHARED) * variance[None],
+            shared_covariance=STATED_SHARED * variance,
             n=0,
             n_sources=1,
             share_by_kind={"judged": 1.0},

@@ -48,6 +48,9 @@ FLOOR_SD = 0.03
 #: Shared error of classes whose sources have no known disagreement (B is below the minimum in every direction): 8 %
 #: common to all dimensions and 5 % for each, the errors of the cars of one continent on the streets of another.
 LONE_COMMON_SD, LONE_OWN_SD = 0.08, 0.05
+#: Fraction of the variance of a stated size (a judged range, a state, a variant) that objects of one scene have in
+#: common, 0 to 1: a range covers the complete class.
+STATED_SHARED = 0.35
 #: Kinds of evidence of the column `share_by_kind`.
 SHARED_KINDS = (
     "product", "measured", "standard", "norm", "statistic", "asset", "museum", "default", "judged",

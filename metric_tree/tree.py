@@ -338,8 +338,7 @@ class Tree:
             prior = node.prior()
         except NoPrior:
             prior = None
-        names = ("node_id", "name", "level", "tier", "n_items")
-        return {name: getattr(node, name) for name in names}, prior
+        return {name: getattr(node, name) for name in ("node_id", "name", "level", "tier", "n_items")}, prior
 
     def to_pandas(self, vocabulary: str | None = None) -> Any:
         """Return `priors` as a pandas DataFrame; it needs the extra `pandas`."""

@@ -36,14 +36,11 @@ from metric_base.regions import region_of
 from metric_base.statistics import mixture_log_density
 from metric_tree.axes import AXES, EXTENTS
 from metric_tree.context import PRESENT, Where
-from metric_tree.prior import Prior
+from metric_tree.prior import STATED_SHARED, Prior
 from taxonomy.words.spelling import plain_fold, singular_phrases
 
 #: Document of a size that is customary in trade and that no standard fixes; the tier of such a variant is `judged`.
 TRADE = "trade size"
-#: Fraction of the variance of a stated size that objects of one scene have in common, as for a judged range
-#: (`STATED_SHARED` in `metric_tree/fit/rows.py`).
-SHARED = 0.35
 #: Minimum standard deviation of ln size of a variant: a tolerance below 0.1 % is below the error of any measurement.
 MIN_LOG_SD = 0.001
 
@@ -147,8 +144,7 @@ class StatedSize:
         for weight, mean, covariance in zip(prior.weights, prior.means, covariances, strict=True):
             stated = covariance[np.ix_(rows, rows)]
             gain = np.linalg.solve(stated, covariance[rows]).T
-            spread = (stated + np.diag(sd**2))[None]
-            density = mixture_log_density(y[None], np.ones(1), mean[None, rows], spread)[0]
+            density = mixture_log_density(y[None], np.ones(1), mean[None, rows], (stated + np.diag(sd**2))[None])[0]
             log_weights.append(math.log(max(weight, 1e-300)) + float(density))
             means.append(mean + gain @ (y - mean[rows]))
             posterior.append(covariance - gain @ covariance[rows] + gain @ np.diag(sd**2) @ gain.T)
@@ -164,8 +160,8 @@ class StatedSize:
             prior,
             weights=np.ones(1),
             means=mean[None],
-            covariances=((1 - SHARED) * covariance)[None],
-            shared_covariance=SHARED * covariance,
+            covariances=((1 - STATED_SHARED) * covariance)[None],
+            shared_covariance=STATED_SHARED * covariance,
             heldout_log_density=None,
             contexts=(),
             tier="norm" if norm and is_whole else "judged" if is_whole else prior.tier,

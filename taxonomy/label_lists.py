@@ -66,8 +66,7 @@ def vocabulary(name: str, directory: Path | None = None) -> tuple[Label, ...]:
         The list does not exist.
     """
     if name not in vocabularies(directory):
-        at_hand = ", ".join(vocabularies(directory))
-        raise UnknownLabel(f"vocabulary: expected one of {at_hand}; found {name!r}")
+        raise UnknownLabel(f"vocabulary: expected one of {', '.join(vocabularies(directory))}; found {name!r}")
     rows = table_rows((directory or taxonomy_directory()) / _FOLDER / f"{name}.csv", _COLUMNS, BadLevels)
     replaced = replaced_ids(directory)
     return tuple(

@@ -239,15 +239,14 @@ def _reader_class() -> Any:
         def _synset_from_pos_and_line(self, pos: str, line: str) -> Any:
             """Read a synset with its relations in the order of WordNet; nltk stores them in an unordered set."""
             synset = super()._synset_from_pos_and_line(pos, line)
-            if synset is not None:
-                fields = line.split()
-                first = 5 + 2 * int(fields[3], 16)  # after the words, each with a number, and the count of pointers
-                ordered: dict[str, dict[tuple[str, int], None]] = {}
-                for at in range(first, first + 4 * int(fields[first - 1]), 4):
-                    symbol, offset, part_of_speech, lemmas = fields[at : at + 4]
-                    if lemmas == "0000":  # between synsets, not between their words
-                        ordered.setdefault(symbol, {})[part_of_speech, int(offset)] = None
-                synset._pointers = ordered
+            fields = line.split()
+            first = 5 + 2 * int(fields[3], 16)  # after the words, each with a number, and the count of pointers
+            ordered: dict[str, dict[tuple[str, int], None]] = {}
+            for at in range(first, first + 4 * int(fields[first - 1]), 4):
+                symbol, offset, part_of_speech, lemmas = fields[at : at + 4]
+                if lemmas == "0000":  # between synsets, not between their words
+                    ordered.setdefault(symbol, {})[part_of_speech, int(offset)] = None
+            synset._pointers = ordered
             return synset
 
         def map_wn(self, version: str = "wordnet") -> None:  # noqa: ARG002 - nltk's signature

@@ -176,8 +176,7 @@ class RedisFrontier:
 
     def reopen(self, reason: str) -> int:
         """Let the tasks that were refused for a reason wait again; return their number."""
-        keys = [self._keys[part] for part in ("refused", "queue", "failed")]
-        return int(self._reopen(keys=keys, args=[reason]))
+        return int(self._reopen(keys=[self._keys[part] for part in ("refused", "queue", "failed")], args=[reason]))
 
     def start_over(self) -> None:
         """Remove all tasks and their results."""

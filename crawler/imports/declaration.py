@@ -309,8 +309,7 @@ def declared_sources(folder: Path | None = None) -> dict[str, Source]:
     BadDeclaration
         The folder contains no declaration, or an invalid one.
     """
-    others = sources(folder) if folder is not None else ()
-    return {source.id: source for source in (*sources(), *others)}
+    return {source.id: source for source in (*sources(), *(sources(folder) if folder is not None else ()))}
 
 
 def source(name: str, folder: Path | None = None) -> Source:

@@ -109,8 +109,7 @@ def _contents(file: SourceFile, public: Path) -> Iterator[bytes]:
             infos = (info for info in members if not info.is_dir() and info.file_size <= MAX_MEMBER_BYTES)
             yield from (archive.read(info) for info in infos)
     else:
-        indent = 0 if file.form == "json-lines" else None
-        yield json.dumps(json.loads(public.read_bytes()), indent=indent).encode()
+        yield json.dumps(json.loads(public.read_bytes()), indent=0 if file.form == "json-lines" else None).encode()
 
 
 def _sha256(data: bytes) -> str:

@@ -83,15 +83,13 @@ def row_items(source: Source, folder: Path) -> Iterator[RawItem | RowRejected]:
 
 def _without_copies(items: Iterable[RawItem]) -> list[RawItem]:
     """Merge items of the same category, title, brand, sizes and flags into the first, with their number as count."""
-    groups: dict[object, list[RawItem]] = {}
-    for item in items:
+
+    def content(item: RawItem) -> object:
         sizes = tuple(sorted((axis, value or 0.0) for axis, value in item.dimensions_mm.items()))
-        key = (item.category_path, item.title, item.brand, sizes, item.extents_mm, item.flags)
-        groups.setdefault(key, []).append(item)
-    return [
-        replace(group[0], count=sum(item.count for item in group)) if len(group) > 1 else group[0]
-        for group in groups.values()
-    ]
+        return item.category_path, item.title, item.brand, sizes, item.extents_mm, item.flags
+
+    groups = grouped((content(item), item) for item in items).values()
+    return [replace(one[0], count=sum(item.count for item in one)) if len(one) > 1 else one[0] for one in groups]
 
 
 def _one_per_title(items: Iterable[RawItem]) -> list[RawItem]:
@@ -146,8 +144,7 @@ def source_folder(source: Source, given: Path | None) -> Path:
 def changed_files(source: Source, folder: Path) -> Iterator[Path]:
     """Return the files that exist but differ from those with which the declaration was checked (SHA-256)."""
     for file in source.files:
-        itself = folder.is_file() and folder.name == Path(file.path).name
-        path = folder if itself else folder / file.path
+        path = folder if folder.is_file() and folder.name == Path(file.path).name else folder / file.path
         if path.is_file():
             with path.open("rb") as data:
                 if hashlib.file_digest(data, "sha256").hexdigest() != file.sha256:

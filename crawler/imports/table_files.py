@@ -50,8 +50,7 @@ def check_columns(table: Table, header: Sequence[str]) -> None:
     columns |= {*table.names, *(match[1] for text in texts for match in FIELD.finditer(text))}
     missing = sorted(columns - _GENERATED_COLUMNS.union(table.read, header))
     if missing:
-        present = ", ".join(map(repr, header))[:200]
-        raise FieldError("columns", ", ".join(map(repr, missing)), Unquoted(present))
+        raise FieldError("columns", ", ".join(map(repr, missing)), Unquoted(", ".join(map(repr, header))[:200]))
 
 
 # some texts of museums are longer than the default of the csv module

@@ -155,8 +155,7 @@ def _quad_pages(path: Path, file: BufferedIOBase) -> Iterator[Page | None]:
         language = language_of(next(iter(languages), None), urlsplit(url).hostname or "")
         budget = iter(range(MAX_VALUES))
         subjects = [name for name, node in nodes.items() if any("Product" in kind for kind in node.get("type", ()))]
-        products = [_linked_data(nodes, subject, budget) for subject in subjects]
-        text = json.dumps(products, ensure_ascii=False)
+        text = json.dumps([_linked_data(nodes, subject, budget) for subject in subjects], ensure_ascii=False)
         is_sized = any(axis in text for axis in ('"width"', '"height"', '"depth"', '"length"', "additionalProperty"))
         is_sized = is_sized or _may_state_size(text.encode())
         yield Page(url, "", etree.Element("html"), language, (text,)) if is_sized else None

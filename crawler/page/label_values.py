@@ -377,8 +377,7 @@ def _is_one_length(texts: Sequence[str], label: str) -> bool:
     if not all(len(stated) == 1 and len(stated[0].lengths) == 1 for stated in read):
         return False
     size = consensus([stated[0] for stated in read])
-    units = {stated[0].lengths[0].unit for stated in read}
-    return len(units) > 1 and "contradicts_itself" not in size.flags
+    return len({stated[0].lengths[0].unit for stated in read}) > 1 and "contradicts_itself" not in size.flags
 
 
 def _split(pair: LabelValue) -> LabelValue | None:

@@ -257,8 +257,7 @@ def _axis_statements(pairs: Iterable[LabelValue], language: Language | None, tit
         if len(lengths) < 2 and (is_other or "depth" in rows):
             continue  # a depth without other axes is often the thickness of a board
         place = next(row.place for _, row in rows.values())
-        is_single_line = place == "line" and len(lengths) < 2
-        trust = Trust.PROSE if is_single_line else Trust.AXES
+        trust = Trust.PROSE if place == "line" and len(lengths) < 2 else Trust.AXES
         text = "; ".join(_text(row) for _, row in rows.values())
         size = Size(lengths, "whole", "", flags_of(lengths))
         yield Statement(size, min(trust, Trust.LOOSE) if is_other else trust, text)

@@ -105,8 +105,7 @@ def measures(text: str, default_unit: str | None = None, decimal: Decimal = None
     """
     outside = _ASIDE.sub(lambda aside: " " * len(aside[0]), text)
     lengths = _lengths(outside, decimal) or _lengths(text, decimal)
-    units = filled_units(length.unit for length in lengths)
-    pairs = zip(lengths, units, strict=True)
+    pairs = zip(lengths, filled_units(length.unit for length in lengths), strict=True)
     return tuple(replace(length, unit=key) for length, unit in pairs if (key := unit or default_unit))
 
 

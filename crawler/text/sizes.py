@@ -86,8 +86,7 @@ class Size:
     def extents_mm(self) -> tuple[float, ...]:
         """Return at most three lengths, longest first; a diameter is used twice if there are fewer than three."""
         sides = [length.mm for length in self.lengths]
-        n_missing = max(0, 3 - len(sides))
-        sides += [length.mm for length in self.lengths if length.axis == "diameter"][:n_missing]
+        sides += [length.mm for length in self.lengths if length.axis == "diameter"][: max(0, 3 - len(sides))]
         return tuple(sorted(sides, reverse=True)[:3])
 
 
@@ -110,8 +109,7 @@ def sizes(text: str, label: str = "", language: Language | None = None, unit: st
     run = tokens(text, language)
     headers = [token for token in run if token.kind == "header"]
     first_number = next((token.start for token in run if token.kind == "number"), 0)
-    leading_axes = next((header.axes for header in headers if header.end <= first_number), ())
-    announced = label_axes or leading_axes
+    announced = label_axes or next((header.axes for header in headers if header.end <= first_number), ())
     if len(announced) < 2 and _CHOICES.search(text):
         return ()
     stated = []

@@ -121,8 +121,7 @@ def _token(match: re.Match[str], language: Language | None, run: Sequence[Token]
                 value = float(text.replace(".", ""))
         return Token("number", text, start, end, number=value)
     if kind == "header":
-        axes = _header_axes(re.findall(_LETTER, text, re.IGNORECASE), language)
-        return Token("header", text, start, end, axes=axes)
+        return Token("header", text, start, end, axes=_header_axes(re.findall(_LETTER, text, re.IGNORECASE), language))
     if kind not in {"unit", "axis"}:
         return Token(kind, text, start, end)  # type: ignore[arg-type]  # the names of the groups are kinds
     if kind == "unit" and (key := UNIT_WORDS.get(text.lower().rstrip("."))) and _may_be_unit(text, run):

@@ -159,6 +159,5 @@ _SITE_LANGUAGE = {
 def language_of(declared: str | None, host: str = "") -> Language | None:
     """Return the declared language of a page (`de-DE`), else that of the top-level domain of its host, else None."""
     known: tuple[Language, ...] = get_args(Language)
-    first = re.split("[-_]", declared or "")[0].lower()
-    candidates = (first, _SITE_LANGUAGE.get(host.rpartition(".")[2]))
+    candidates = (re.split("[-_]", declared or "")[0].lower(), _SITE_LANGUAGE.get(host.rpartition(".")[2]))
     return next((language for candidate in candidates for language in known if candidate == language), None)

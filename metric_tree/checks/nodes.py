@@ -76,8 +76,7 @@ def _child_findings(row: Mapping[str, Any], children: list[dict[str, Any]]) -> I
         yield Finding("W211", row["node_id"], f"expected two children or more; found {children[0]['node_id']} alone")
     for name, times in Counter(child["name"] for child in children).items():
         if times > 1:
-            text = f"expected children of different names; found {name!r} {times} times"
-            yield Finding("E210", row["node_id"], text)
+            yield Finding("E210", row["node_id"], f"expected children of different names; found {name!r} {times} times")
     total = row["n_own"] + sum(child["n_items"] for child in children)
     if row["n_items"] != total:
         yield Finding("E209", row["node_id"], f"n_items: expected {total}, own and below; found {row['n_items']}")

@@ -206,8 +206,7 @@ def cut_release(
         extras.mkdir(exist_ok=True)
         link_images(release, extras)
         ids = sorted(files)
-        starts = range(0, len(ids), IMAGES_PER_CALL)
-        batches = (ids[start : start + IMAGES_PER_CALL] for start in starts)
+        batches = (ids[start : start + IMAGES_PER_CALL] for start in range(0, len(ids), IMAGES_PER_CALL))
         calls = (([(image_id, files[image_id]) for image_id in batch], settings, extras) for batch in batches)
         cuts: list[Cut] = []
         run = executor or SerialExecutor()

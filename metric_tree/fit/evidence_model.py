@@ -216,8 +216,7 @@ def fit_evidence_model(classes: Iterable[tuple[str, SourceMeans]], kinds: Sequen
 @cache
 def shipped_model() -> EvidenceModel:
     """Return the model of the shipped release (`data/fitted/evidence_model.json`)."""
-    path = data_folder() / "fitted" / "evidence_model.json"
-    return EvidenceModel(**json.loads(path.read_text(encoding="utf-8")))
+    return EvidenceModel(**json.loads((data_folder() / "fitted" / "evidence_model.json").read_text(encoding="utf-8")))
 
 
 def restricted_likelihood(means: FloatArray, variances: FloatArray, present: FloatArray) -> FloatArray:
@@ -290,8 +289,7 @@ def with_variances(model: EvidenceModel, table: SourceTable) -> EvidenceModel:
     for kind in EXCESS_KINDS:
         if (table.kind[table.present > 0] == table.kinds.index(kind)).any():
             grid = (0.0, *np.geomspace(0.02, 1.0, 14))
-            candidates = (replace(model, excess={**model.excess, kind: float(sd)}) for sd in grid)
-            model = max(candidates, key=likelihood)
+            model = max((replace(model, excess={**model.excess, kind: float(sd)}) for sd in grid), key=likelihood)
     return model
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from metric_base.arrays import FloatArray, IntArray
 from metric_tree.fit.mixture import SPREAD_FLOOR, NormalInverseWishart, Rows
+from metric_tree.prior import STATED_SHARED
 from metric_tree.tiers import Evidence
 
 #: Weight of a row by kind for the shape of the distribution; `metric_tree.fit.evidence_model` determines the mean. A
@@ -60,9 +61,6 @@ MIN_MODELS = 3
 #: Weight of the standard deviation of a stated range, in rows. It is 2.5 times the weight of the parent, because the
 #: range describes the class itself.
 STATED_ROWS = 20.0
-#: Fraction of the variance of a stated range that objects of one scene have in common, 0 to 1: a range covers the
-#: complete class.
-STATED_SHARED = 0.35
 
 
 def row_weights(

@@ -323,6 +323,5 @@ def _rows_by_node(table: pa.Table) -> list[NDArray[np.intp]]:
 def _strings(table: pa.Table, column: str) -> NDArray[np.str_]:
     """Return a column as text, (n,)."""
     encoded = pc.dictionary_encode(table[column].combine_chunks())
-    names = np.array(encoded.dictionary.to_pylist() or [""], dtype=str)
-    strings: NDArray[np.str_] = names[encoded.indices.to_numpy()]
+    strings: NDArray[np.str_] = np.array(encoded.dictionary.to_pylist() or [""], dtype=str)[encoded.indices.to_numpy()]
     return strings

@@ -136,8 +136,7 @@ def write_texts(folder: Path, tables: Mapping[str, pa.Table], manifest: Mapping[
     attributions = (f"- {one['id']} ({one['licence']}): {one['attribution'] or in_each_row}" for one in shown)
     values = {"manifest": manifest, "rows": rows, "attributions": "\n".join(attributions)}
     for template in _TEMPLATES.iterdir():
-        text = template.read_text(encoding="utf-8").format(**values)
-        (folder / template.name).write_text(text, encoding="utf-8")
+        (folder / template.name).write_text(template.read_text(encoding="utf-8").format(**values), encoding="utf-8")
     if former:
         table = successor_table(
             former_nodes(),

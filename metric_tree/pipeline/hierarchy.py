@@ -9,6 +9,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from metric_base.arrays import grouped
 from metric_tree.axes import AXES, EXTENTS
 from metric_tree.fit.inner_priors import (
     REAL_WITNESS,
@@ -50,11 +51,7 @@ class Hierarchy:
     @classmethod
     def of(cls, categories: Sequence[Category]) -> Hierarchy:
         """Return the hierarchy of categories, parents first."""
-        children: dict[str, list[str]] = {}
-        for category in categories:
-            if category.parent_id is not None:
-                children.setdefault(category.parent_id, []).append(category.node_id)
-        return cls(categories, children)
+        return cls(categories, grouped((one.parent_id, one.node_id) for one in categories if one.parent_id is not None))
 
     def families(self) -> dict[str, str]:
         """Return the node of level 2 at or above each node; the root for the root."""

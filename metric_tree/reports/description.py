@@ -138,8 +138,7 @@ def item_quantiles(node: Node, kind: str, quantiles: tuple[float, ...]) -> dict[
     """
     if kind not in KINDS:
         raise InputError(f"--kind: expected one of {', '.join(KINDS)}; found {kind!r}")
-    items = node.items()
-    rows = [row for row in items.select(["kind", *_COLUMNS]).to_pylist() if row["kind"] == kind]
+    rows = [row for row in node.items().select(["kind", *_COLUMNS]).to_pylist() if row["kind"] == kind]
     if not rows:
         there = ", ".join(shipped_evidence(node)["kind"]) or "no item at all"
         raise InputError(f"--kind: expected a kind that {node.node_id} has shipped items of ({there}); found {kind!r}")

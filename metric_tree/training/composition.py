@@ -118,8 +118,7 @@ def cutouts_of(classes: Classes, seed: int) -> list[Cutout]:
         items = {row["item_id"]: row for row in root.items().to_pylist()}
         rows = [row for row in root.images().to_pylist() if row["cutout_path"]]
         for row in sorted(rows, key=lambda row: (row["item_id"], row["image_id"])):
-            node = classes.tree.node(row["node_id"])
-            axis, sizes_mm = shown_sizes(items.get(row["item_id"], {}), node, seed)
+            axis, sizes_mm = shown_sizes(items.get(row["item_id"], {}), classes.tree.node(row["node_id"]), seed)
             file = image_path(classes.tree.release.directory, row, "cutout_path")
             if sizes_mm and file is not None:
                 cutouts.append(Cutout(row["item_id"], row["node_id"], category, file, row["licence"], axis, sizes_mm))
@@ -235,8 +234,7 @@ def place_cutouts(
         x = int(generator.uniform(-0.25 * w, width - 0.75 * w))
         foot = height * (0.55 + 0.4 * nearness / (1 + nearness)) + generator.normal(0, 0.12) * height
         y = int(np.clip(foot, 0.4 * h, height + 0.25 * h)) - h
-        border = float(generator.choice(BORDERS_PX))
-        layers.append(Layer(cutout, size_mm, np.ascontiguousarray(scaled), x, y, border))
+        layers.append(Layer(cutout, size_mm, np.ascontiguousarray(scaled), x, y, float(generator.choice(BORDERS_PX))))
     return layers, px_per_mm
 
 

@@ -98,8 +98,7 @@ def export_dataset(
             matched += [entry] if entry else []
     summary = DatasetSummary()
     with whole_folder(out) as work:
-        n_synthetic = plan.pictures if cutouts else 0
-        entries = list(progress(synthetic_entries(work, cutouts, plan), n_synthetic)) + matched
+        entries = list(progress(synthetic_entries(work, cutouts, plan), plan.pictures if cutouts else 0)) + matched
         if not entries:
             raise InputError("export: expected cut-outs, or pictures with objects of the categories; found none")
         (work / "annotations").mkdir(exist_ok=True)

@@ -58,8 +58,7 @@ def write_figure(
         raise InputError(f"--figure: expected a name that ends in {', '.join(SUFFIXES)}; found {file}")
     figure = Figure(figsize=(11, 8), layout="constrained")
     divergence, samples, lists, chosen = figure.subplots(2, 2).ravel()
-    of_paper = [one for one in ranked if one.node.node_id in paper]
-    groups = {"candidates": ranked, "the paper's": of_paper, "ours": taken}
+    groups = {"candidates": ranked, "the paper's": [one for one in ranked if one.node.node_id in paper], "ours": taken}
     jitter = np.random.default_rng(0).uniform(-_JITTER, _JITTER, len(ranked))
     shifts = dict(zip((one.node.node_id for one in ranked), jitter, strict=True))
     _draw_rule(divergence, groups, lambda one: one.divergence, rules.most_divergence, "divergence: sd of log size")

@@ -188,8 +188,7 @@ def record_folder() -> Path:
     """
     if Path("decisions").is_dir():
         return Path("decisions")
-    home = taxonomy_directory() if data_folder() == code_folder() / "data" else user_data_folder()
-    return home / "decisions"
+    return (taxonomy_directory() if data_folder() == code_folder() / "data" else user_data_folder()) / "decisions"
 
 
 def _by_subject(given: Iterable[Decision]) -> dict[tuple[str, str], dict[str, Decision]]:

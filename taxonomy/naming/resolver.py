@@ -134,8 +134,7 @@ class Resolver:
         if kind is not None and kind != PERSON and self._level(kind) >= MIN_SUGGESTED_LEVEL:
             names.append(plain_fold(self._names.display_name(kind)))
         if len(words) > 1:
-            heads = (words[-1], *singular_phrases(words[-1]))
-            names += [head for head in heads if self._names.nodes_named(head)][:1]
+            names += [head for head in (words[-1], *singular_phrases(words[-1])) if self._names.nodes_named(head)][:1]
         return list(dict.fromkeys(name for name in names if name != form))[:count]
 
     def _relevant_nodes(self, text: str) -> Iterator[str]:
@@ -279,8 +278,7 @@ class Resolver:
             candidates = hinted + [one for one in candidates if not is_hinted(one)]
         best = candidates[0]
         rival = next((one for one in candidates[1:] if not self._is_same(best.node_id, one.node_id)), None)
-        margin = best.score - rival.score if rival else math.inf
-        return NameMatch(tuple(candidates), how or best.how, margin)
+        return NameMatch(tuple(candidates), how or best.how, best.score - rival.score if rival else math.inf)
 
     def _is_same(self, one: str, other: str) -> bool:
         """Return True if two nodes are equal or one is above the other."""
@@ -368,8 +366,7 @@ class Resolver:
 
     def _hypernym(self, form: str) -> NameMatch | None:
         """Return the closest hypernym in the tree of a word that the tree does not contain."""
-        forms = (form, *singular_phrases(form), form.replace(" ", ""))
-        known = next(filter(None, map(senses, forms)), ())
+        known = next(filter(None, map(senses, (form, *singular_phrases(form), form.replace(" ", "")))), ())
         objects = [sense for sense in known if sense.chain and not sense.is_a((PERSON,))]
         # a piranha is more likely a fish than a person
         people = list(known) if all(sense.chain for sense in known) else []

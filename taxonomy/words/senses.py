@@ -153,23 +153,21 @@ def node_uses() -> dict[str, float]:
 
 @cache
 def _votes() -> Mapping[str, dict[str, float]]:
-    from taxonomy.label_lists import vocabularies, vocabulary  # most names need no list
+    from taxonomy.label_lists import vocabulary  # most names need no list
 
     # a list may have a word twice, for two nodes (crane in ImageNet)
-    by_list: dict[str, dict[str, set[str]]] = {}
-    for name in DETECTOR_LISTS:
-        if name in vocabularies():
-            by_list[name] = {}
-            for label in vocabulary(name):
-                if label.node_id is not None:
-                    by_list[name].setdefault(plain_fold(label.label), set()).add(label.node_id)
+    by_list: dict[str, dict[str, set[str]]] = {name: {} for name in DETECTOR_LISTS}
+    for name, nodes in by_list.items():
+        for label in vocabulary(name):
+            if label.node_id is not None:
+                nodes.setdefault(plain_fold(label.label), set()).add(label.node_id)
     votes: defaultdict[str, dict[str, float]] = defaultdict(dict)
     for name, nodes in by_list.items():
         for form, meant in nodes.items():
             for node_id in sorted(meant):
                 votes[form][node_id] = votes[form].get(node_id, 0.0) + LABEL_WEIGHT.get(name, LABEL_WEIGHT_ELSEWHERE)
     # such a word is ambiguous, unless it is in one of the first two lists, whose labels are unambiguous
-    clear = {form for name in DETECTOR_LISTS[:2] for form in by_list.get(name, ())}
+    clear = {form for name in DETECTOR_LISTS[:2] for form in by_list[name]}
     ambiguous = {form for nodes in by_list.values() for form, meant in nodes.items() if len(meant) > 1}
     return dict(votes) | {form: dict.fromkeys(votes[form], LABEL_WEIGHT_ELSEWHERE) for form in ambiguous - clear}
 

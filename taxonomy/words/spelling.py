@@ -5,11 +5,11 @@ from __future__ import annotations
 import re
 import string
 import unicodedata
-from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 
+from metric_base.arrays import grouped
 from metric_base.text_tables import named_texts
 
 #: American spelling, as in WordNet, by British spelling; complete words, singular and plural.
@@ -65,8 +65,7 @@ def plain_fold(text: str) -> str:
     if text.isascii():
         return " ".join([SPELLINGS.get(word, word) for word in text.translate(_ASCII).split()])
     letters = "".join(c for c in without_accents(text) if not unicodedata.combining(c) and c not in "'’‘`´")
-    words = _SEPARATORS.sub(" ", letters.replace("&", " and ")).split()
-    return " ".join(SPELLINGS.get(word, word) for word in words)
+    return " ".join(SPELLINGS.get(word, word) for word in _SEPARATORS.sub(" ", letters.replace("&", " and ")).split())
 
 
 def without_accents(text: str) -> str:
@@ -136,9 +135,7 @@ def one_edit(word: str, other: str) -> bool:
 
 def by_letters(names: Iterable[str]) -> Mapping[str, tuple[str, ...]]:
     """Return folded names by their spelling without spaces: `bar stool` by `barstool`."""
-    spaced: defaultdict[str, list[str]] = defaultdict(list)
-    for name in names:
-        spaced[name.replace(" ", "")].append(name)
+    spaced = grouped((name.replace(" ", ""), name) for name in names)
     return {letters: tuple(forms) for letters, forms in spaced.items()}
 
 

@@ -42,8 +42,7 @@ def duplicates(
     Within a source and a node, rows are repeats if they have the same two or three different sizes, or one size and the
     same title; rows of the kind `measured` never are, because people, fish and trees were measured individually. Across
     sources, rows are repeats if they have the same three extents, of which two differ, and a common identifying word in
-    the title. The row
-    that is not a repeat is one that is shipped, then of the stronger kind, then the first.
+    the title. The row that is not a repeat is one that is shipped, then of the stronger kind, then the first.
 
     Parameters
     ----------

@@ -95,7 +95,7 @@ def test_there_is_no_limit_in_other_threads_and_on_systems_without_a_timer(monke
     done: list[tuple[float, float]] = []
     thread = threading.Thread(target=work)
     thread.start()
-    thread.join()
+    thread.join(60)
     monkeypatch.delattr(signal, "setitimer")
     work()
     assert done == [(0.0, 0.0)] * 2

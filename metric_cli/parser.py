@@ -109,10 +109,12 @@ class OutputFile:
 
 
 def add_overwrite(parser: argparse.ArgumentParser) -> None:
-    """Add `--overwrite` if an argument is an output file."""
-    if any(isinstance(action.type, OutputFile) for action in arguments_of(parser)):
-        words = "replace existing files"
-        parser.add_argument("--overwrite", action="store_true", help=words)
+    """Add `--overwrite` to a parser with an output file, and to its subcommands that have one."""
+    for action in parser._actions:
+        for below in action.choices.values() if isinstance(action, argparse._SubParsersAction) else ():
+            add_overwrite(below)
+    if any(isinstance(action.type, OutputFile) for action in parser._actions):
+        parser.add_argument("--overwrite", action="store_true", help="replace existing files")
 
 
 def check_paths(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:

@@ -26,7 +26,7 @@ def run(arguments: argparse.Namespace) -> None:
 
     tree = open_tree(arguments.tree)
     manifest, citation = tree.release.manifest, texts(tree)["CITATION.cff"]
-    rows = [{name: source[name] for name in COLUMNS} for source in manifest["sources"] if source["n_rows"]]
+    rows = [{name: source.get(name) for name in COLUMNS} for source in manifest["sources"] if source.get("n_rows")]
     if arguments.json:
         record = {"schema": "metric-tree/cite/1", "tree": {"name": tree.name, "version": tree.version}}
         for name in ("withheld", "noncommercial"):

@@ -172,11 +172,11 @@ def test_a_detector_runs_on_the_frames_of_a_capture(here: Path) -> None:
 
 
 def test_a_track_of_positions_belongs_to_the_recording(here: Path) -> None:
-    (here / "track.gpx").touch()
-    assert request("model --gps track.gpx").sources == ()
+    (here / "track.srt").touch()
+    assert request("model --gps track.srt").sources == ()
     assert len(request("model --gps track.csv").sources) == 1
     assert len(request("model --gps exif").sources) == 1
-    names = [request(f"model {words}").names_evidence for words in ("", "--gps none", "--gps track.gpx", "--gps exif")]
+    names = [request(f"model {words}").names_evidence for words in ("", "--gps none", "--gps track.srt", "--gps exif")]
     assert names == [False, False, True, True]
     assert request("model --known-length 0,0,0 0,0,1 1").names_evidence
     assert request("model --imu track.csv").names_evidence

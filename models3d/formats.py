@@ -142,7 +142,7 @@ def _stop(pool: ProcessPoolExecutor) -> None:
     """Kill the process of a pool, which may still be reading."""
     for process in list((pool._processes or {}).values()):
         process.kill()
-    pool.shutdown(wait=False, cancel_futures=True)
+    pool.shutdown(cancel_futures=True)  # waits: otherwise its thread and the end of the program close the same pipe
 
 
 def read_boxes(path: Path, up: Up | None = None) -> Iterator[Asset | InputError]:

@@ -1,4 +1,4 @@
-"""Conditions of objects in numbers: frames of `--at`, paths, several objects, previews, and requests of an insertion."""
+"""Conditions of objects in numbers: frames of `--at`, paths, several objects, previews, requests of an insertion."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def test_a_frame_has_a_name_or_an_index(name: str, message: str | None, box: Pat
 
 def test_an_error_names_the_object_if_there_are_several(box: Path) -> None:
     wrong = ObjectRequest(box, plane=7)
-    with pytest.raises(PlacementError, match="^--plane"):
+    with pytest.raises(PlacementError, match=r"^--plane"):
         place(wrong)
     with pytest.raises(PlacementError, match=r"^object 2 \(box.glb\): --plane"):
         place(ObjectRequest(box, plane=0), wrong)
@@ -71,7 +71,7 @@ def test_an_error_names_the_object_if_there_are_several(box: Path) -> None:
 
 def test_a_path_needs_a_position_and_no_wall(box: Path) -> None:
     path = ((0.5, 0.0),)
-    with pytest.raises(InputError, match="--path: expected --at .* or --plane with it; found neither"):
+    with pytest.raises(InputError, match=r"--path: expected --at .* or --plane with it; found neither"):
         place(ObjectRequest(box, path=path))
     with pytest.raises(InputError, match="--facing: expected degrees from the direction of --path; found wall"):
         place(ObjectRequest(box, plane=0, path=path, facing="wall"))
@@ -160,7 +160,7 @@ def test_a_prior_of_a_size_has_an_axis() -> None:
     model = cast(Model, SimpleNamespace(name="a", size_m={"length": 1.0, "width": 2.0, "height": 4.0}))
     factors = [model_size(model, "prior", tree_of(*dims), "a").factor for dims in (("length", "height"), ("width",))]
     assert factors == [0.125, 0.25]
-    with pytest.raises(InputError, match="expected a category with a known height, length or width; found a.n.01"):
+    with pytest.raises(InputError, match=r"expected a category with a known height, length or width; found a.n.01"):
         model_size(model, "prior", tree_of("extent1"), "a")
     for tree, category in ((None, "a"), (tree_of("height"), None)):
         with pytest.raises(InputError, match="--size prior: expected --category NAME"):
@@ -194,5 +194,5 @@ def test_an_insertion_has_an_output_and_cycles_no_motion(box: Path) -> None:
     scene = space(np.array([[0.0, 5.0, 0.0]]), surface(shape=(30, 30)), views=(view((0, -5, 2), ALONG_Y),))
     opened: Any = SimpleNamespace(space=scene, footage=SimpleNamespace(frames=FRAMES))
     walks = (replace(request.objects[0], path=((1.0, 0.0),)),)
-    with pytest.raises(InputError, match="--renderer blender: expected objects that stand still .* found box.glb"):
+    with pytest.raises(InputError, match=r"--renderer blender: expected objects that stand still .* found box.glb"):
         insert(replace(request, out=Path("a"), objects=walks, renderer="blender"), opened)

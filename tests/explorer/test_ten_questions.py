@@ -56,6 +56,11 @@ def test_a_size_is_the_first_line(
     assert low_cm <= float(match[1]) * (100 if match[2] == "m" else 1) <= high_cm
 
 
+def test_a_search_has_12_results(shipped: str, browser: Browser) -> None:
+    searched(browser, shipped, "chair")
+    assert browser.run("document.querySelectorAll('#results li').length") == 12
+
+
 @pytest.mark.parametrize(
     ("page", "link", "columns", "min_rows"),
     [

@@ -77,7 +77,7 @@ def test_a_blend_is_by_its_formula_in_linear_light() -> None:
     assert item.visible == pytest.approx(0.75)
 
 
-def test_shares_multiply_and_objects_add_where_boxes_meet() -> None:
+def test_fractions_of_light_multiply_and_objects_add_in_common_pixels() -> None:
     plate = float(srgb_to_linear(np.array(100, np.uint8)))
     one, two = (
         _joined(PixelBox(0, 0, 20, 30), 0.5, 0.9, share=0.5),
@@ -100,7 +100,7 @@ def test_shares_multiply_and_objects_add_where_boxes_meet() -> None:
     assert nothing.visible_transmittance == pytest.approx(1)
 
 
-def test_a_half_clear_object_hides_half_of_what_is_behind() -> None:
+def test_coverage_blends_an_object_with_the_objects_behind_it() -> None:
     near, far = (
         _joined(PixelBox(0, 0, 20, 20), 0.5, 1.0, hidden=0.2),
         _joined(PixelBox(10, 10, 30, 30), 1.0, 1.0, 0.5, depth=3.0),
@@ -188,7 +188,7 @@ def test_grain_has_its_strength_by_brightness_its_smoothness_and_what_channels_s
     assert np.array_equal(noise, grain(look, box, np.full((120, 150, 3), 0, np.float32), 3))
 
 
-def test_the_grain_of_a_picture_is_read_off_by_brightness() -> None:
+def test_the_grain_of_an_image_is_estimated_by_brightness() -> None:
     import cv2
 
     generator = np.random.default_rng(0)
@@ -275,7 +275,7 @@ def test_looks_of_a_video_are_smooth_and_those_of_stills_are_not(monkeypatch: py
     assert [k for k, same in enumerate(asked[2:]) if same is None] == [0, GRAIN_FRAMES]
 
 
-def test_points_vote_pixel_by_pixel_in_a_mask() -> None:
+def test_points_vote_in_each_pixel_of_a_mask() -> None:
     mask = np.ones((20, 40), bool)
     x = np.linspace(1, 39, 20)
     pixels = np.column_stack([np.tile(x, 3), np.repeat([4.0, 10.0, 16.0], 20)])
@@ -286,7 +286,7 @@ def test_points_vote_pixel_by_pixel_in_a_mask() -> None:
     assert not occlusion.vote_of_points(half, pixels, np.ones(60, bool))[:, 14:].any()
 
 
-def test_an_occluder_hides_by_the_share_of_its_nearer_points() -> None:
+def test_a_mask_occludes_by_its_fraction_of_closer_points() -> None:
     mask, behind = np.zeros((20, 40), bool), np.full((20, 40), 3.0, np.float32)
     mask[5:15, 10:30] = True
     pixels = np.column_stack([np.linspace(11, 29, 10), np.full(10, 10.0)])
@@ -311,7 +311,7 @@ def test_an_occluder_hides_by_the_share_of_its_nearer_points() -> None:
     assert np.array_equal(part(np.where(pixels[:, 0] < 20, 2.0, 4.0), every, left), mask)
 
 
-def test_what_stands_on_something_hidden_is_hidden() -> None:
+def test_a_mask_on_an_occluded_support_is_an_occluder() -> None:
     hidden, cup = np.zeros((30, 30), bool), np.zeros((30, 30), bool)
     hidden[20:], cup[10:20, 12:16] = True, True
     assert occlusion.stands_on_occluder(hidden, cup)
@@ -322,7 +322,7 @@ def test_what_stands_on_something_hidden_is_hidden() -> None:
     assert not occlusion.stands_on_occluder(hidden, bottom | hidden)
 
 
-def test_a_dense_cloud_decides_where_there_is_no_mask() -> None:
+def test_without_a_mask_a_dense_cloud_decides() -> None:
     behind = np.full((20, 60), 3.0, np.float32)
     where = np.ones((20, 60), bool)
     where[:, 50:] = False
@@ -340,7 +340,7 @@ def test_a_dense_cloud_decides_where_there_is_no_mask() -> None:
     assert not occlusion.occluded_by_points(where & False, behind, corner, np.full(len(corner), 2.0), 6.0).any()
 
 
-def test_depth_beyond_an_outline_is_that_of_its_nearest_pixel() -> None:
+def test_the_depth_outside_of_the_silhouette_is_that_of_the_nearest_pixel() -> None:
     depth = np.full((6, 8), np.nan, np.float32)
     depth[2, 1], depth[2, 6] = 1.5, 2.5
     image = ObjectImage(np.zeros((6, 8, 3), np.float32), np.zeros((6, 8), np.float32), depth)
@@ -371,7 +371,7 @@ def test_a_matte_moves_to_the_edge_of_the_picture(shift: int) -> None:
     assert occlusion.guided_matte(hidden | True, picture, 4).min() == 1
 
 
-def test_values_are_smoothed_among_their_own_kind() -> None:
+def test_values_are_smoothed_within_their_class() -> None:
     values = np.where(np.arange(20) < 10, 1.0, 5.0)[None, :, None].repeat(20, axis=0).astype(np.float32)
     left = np.broadcast_to(np.arange(20) < 10, (20, 20))
     spread = shadow_receivers.enlarge_within(values, left, 1.0, (40, 40))
@@ -380,7 +380,7 @@ def test_values_are_smoothed_among_their_own_kind() -> None:
     assert shadow_receivers.enlarge_within(values, ~left, 1.0, (40, 40))[:, 17:] == pytest.approx(5, abs=1e-3)
 
 
-def test_places_are_on_their_rays_and_depths_on_the_nearest_points() -> None:
+def test_positions_of_pixels_have_the_depth_of_the_nearest_points() -> None:
     view = _view()
     local = np.array([[0.2, -0.1, 2.0], [-0.4, 0.3, 3.0]])
     scene = (local - view.translation) @ view.rotation

@@ -75,7 +75,7 @@ def _hidden(objects: Sequence[Instance], points: VisiblePoints) -> np.ndarray:
     return occluded_fraction(_image(), BOX, VIEW, objects, points, np.zeros(len(points.rows), bool))[0] > 0.5
 
 
-def test_the_near_leg_of_a_table_hides_and_the_far_one_does_not() -> None:
+def test_points_of_a_mixed_mask_decide_in_each_pixel() -> None:
     top, near, far = (10, 10, 150, 30), (20, 30, 35, 110), (120, 30, 135, 90)
     hidden = _hidden([_object("table", top, near, far)], _points((top, NEAR), (near, NEAR), (far, FAR)))
     assert hidden[40:105, 21:34].all()
@@ -120,7 +120,7 @@ def test_dense_points_in_a_mask_must_be_clearly_closer(ratio: float, is_hidden: 
     assert hidden[20:45, 20:140].any() == is_hidden
 
 
-def test_a_cup_without_points_hides_what_its_table_hides() -> None:
+def test_a_mask_without_points_occludes_if_the_mask_below_it_does() -> None:
     table, cup = (10, 60, 150, 110), (70, 40, 80, 60)
     points = _points((table, NEAR))
     assert _hidden([_object("cup", cup), _object("table", table)], points)[42:58, 72:78].all()
@@ -128,7 +128,7 @@ def test_a_cup_without_points_hides_what_its_table_hides() -> None:
     assert not _hidden([_object("lamp", lamp), _object("table", table)], points)[12:28, 72:78].any()
 
 
-def test_a_gap_between_two_masks_is_closed_unless_one_sees_through_it() -> None:
+def test_a_gap_between_masks_is_closed_unless_points_behind_are_visible() -> None:
     left, right, gap = (10, 10, 70, 110), (76, 10, 150, 110), (71, 15, 75, 105)
     objects = [_object("left", left), _object("right", right)]
     points = _points((left, NEAR), (right, NEAR))
@@ -137,13 +137,13 @@ def test_a_gap_between_two_masks_is_closed_unless_one_sees_through_it() -> None:
     assert not _hidden(objects, seen_through)[20:100, 72:74].any()
 
 
-def test_points_that_touch_the_object_decide_nothing() -> None:
+def test_points_at_the_depth_of_the_object_do_not_vote() -> None:
     couch = (10, 30, 150, 110)
     touching = _points((couch, NEAR), (couch, OBJECT * 1.005))
     assert _hidden([_object("couch", couch)], touching)[35:105, 15:145].all()
 
 
-def test_what_another_view_sees_past_an_object_does_not_shine_through_it() -> None:
+def test_points_that_this_view_does_not_observe_do_not_vote() -> None:
     couch, edge = (10, 30, 150, 110), (10, 30, 60, 50)
     leak = _points((couch, NEAR), (edge, FAR))
     seen = np.repeat([True, False], 25)
@@ -151,7 +151,7 @@ def test_what_another_view_sees_past_an_object_does_not_shine_through_it() -> No
     assert _hidden([_object("couch", couch)], replace(leak, observed=seen))[33:107, 13:147].all()
 
 
-def test_a_film_frame_trusts_what_its_nearest_view_observed() -> None:
+def test_a_video_frame_uses_the_points_that_its_nearest_view_observed() -> None:
     points = np.array([[0.0, 0.0, 2.0], [1.0, 0.0, 4.0]])
     rows = (np.array([0]), np.array([1]))
     known = Visibility(rows, np.array([[0.0, 0, 0], [5.0, 0, 0]]), np.array([[0.0, 0, 1], [0.0, 0, 1]]), complete=False)
@@ -161,7 +161,7 @@ def test_a_film_frame_trusts_what_its_nearest_view_observed() -> None:
     assert dict(zip(front.rows.tolist(), front.observed.tolist(), strict=True)) == {0: True, 1: False}
 
 
-def test_a_gap_of_lines_closes_as_one_of_columns() -> None:
+def test_gaps_of_rows_and_of_columns_are_closed() -> None:
     reach, behind = 6, np.full(BOX.shape, OBJECT, np.float32)
     for axis in (0, 1):
         hidden = np.ones(BOX.shape, bool)
@@ -169,12 +169,12 @@ def test_a_gap_of_lines_closes_as_one_of_columns() -> None:
         assert close_gaps(hidden, reach, behind, np.zeros((0, 2)), np.zeros(0))[20:-20, 20:-20].all()
 
 
-def test_a_box_has_its_first_pixels_and_not_its_last() -> None:
+def test_a_box_includes_its_first_pixels_and_excludes_its_last() -> None:
     front = VisiblePoints(np.arange(4), np.array([[2.0, 3], [8, 3], [2, 9], [7.9, 8.9]]), np.ones(4), False)
     assert np.flatnonzero(front.in_box(2, 3, 8, 9)).tolist() == [0, 3]
 
 
-def test_a_mask_that_starts_inside_the_picture_is_carried_to_its_place() -> None:
+def test_a_mask_with_an_origin_is_propagated_to_its_position() -> None:
     item = replace(_object("box", (0, 0, 20, 16)), origin=(300, 200))
     carried = propagate_mask(item, VIEW, VIEW, np.array([1 / NEAR, 0.0, 0.0]))
     assert carried is not None
@@ -192,14 +192,14 @@ def _joined(depth: float, alpha: float = 1.0) -> ObjectComposite:
     return ObjectComposite(layers, np.zeros(BOX.shape, np.float32), np.ones((*BOX.shape, 3), np.float32))
 
 
-def test_objects_hide_what_is_behind_them_and_not_each_other() -> None:
+def test_inserted_objects_occlude_by_depth() -> None:
     near, far = occlude_mutually([_joined(NEAR), _joined(FAR)])
     assert (near.visible, far.visible) == (1.0, 0.0)
     assert [item.visible for item in occlude_mutually([_joined(NEAR), _joined(NEAR)])] == [1.0, 1.0]
     assert _joined(NEAR, alpha=0.0).visible == 0.0
 
 
-def test_masks_come_from_the_nearest_view_of_the_scene() -> None:
+def test_masks_are_those_of_the_nearest_annotated_view() -> None:
     """Steps count by the depth of the scene: a metre is little before a wall ten metres away."""
     views = tuple(replace(VIEW, name=f"{x}.png", translation=np.array([-x, 0.0, 0.0])) for x in (0.0, 2.0, 9.0))
     wall = np.column_stack([np.random.default_rng(0).uniform(-3, 3, (400, 2)), np.full(400, 10.0)])
@@ -242,7 +242,7 @@ def _walker(depth: float, columns: tuple[int, int]) -> Instance:
     return Instance("walker", 0, "person", mask, (columns[0], top), 1.0)
 
 
-def test_what_moves_hides_the_object_by_its_feet_on_the_ground() -> None:
+def test_the_feet_of_a_moving_mask_give_its_depth() -> None:
     box = PixelBox(100, 100, 540, 470)
     behind = np.full(box.shape, 3.0, np.float32)
     for depth, hides in ((2.0, True), (2.9, True), (3.1, False), (6.0, False)):
@@ -258,7 +258,7 @@ def test_what_moves_hides_the_object_by_its_feet_on_the_ground() -> None:
     assert billboards([flying], VIEW, _ground()) == []
 
 
-def test_an_upright_object_is_seen_from_above_at_its_own_depth() -> None:
+def test_a_billboard_is_upright_in_a_view_from_above() -> None:
     """A camera that looks down by 30 degrees: the head is closer along the axis than the feet."""
     turn = np.radians(30)
     rotation = np.array([[1, 0, 0], [0, np.cos(turn), -np.sin(turn)], [0, np.sin(turn), np.cos(turn)]])
@@ -291,7 +291,7 @@ def test_the_feet_are_the_lowest_4_percent_of_a_mask(n_rows: int, is_left: bool)
     assert (one.direction[0] == pytest.approx(left.direction[0], abs=1e-6)) == is_left
 
 
-def test_points_behind_what_moves_are_not_seen() -> None:
+def test_points_behind_a_moving_mask_are_not_visible() -> None:
     points = _points(((0, 0, 60, 120), FAR), ((100, 0, 160, 120), FAR))
     left = static_points(points, [_object("walker", (0, 0, 80, 120))])
     assert len(left.rows) == 25
@@ -299,7 +299,7 @@ def test_points_behind_what_moves_are_not_seen() -> None:
     assert static_points(left, [_object("walker", (0, 0, 80, 120))]) is left
 
 
-def test_points_on_what_moves_are_not_of_the_cloud() -> None:
+def test_points_on_moving_masks_are_removed_from_the_cloud() -> None:
     """A car in the left of two of three frames; the third has no mask and does not count."""
     left, right = np.array([[-1.6, -1.4, 4.0]]), np.array([[0.4, 0, 4.0]])
     cloud = ColouredPoints(np.vstack([left, right]), np.zeros((2, 3), np.float32), False)
@@ -322,7 +322,7 @@ def test_masks_of_frames_are_read_by_the_names_of_the_frames(tmp_path: Path) -> 
     assert read[2][0].mask.sum() == pytest.approx(8000, rel=0.05)
 
 
-def test_an_edge_goes_to_the_picture_s_edge_where_it_shows_one() -> None:
+def test_the_matte_follows_the_edge_of_the_image_if_there_is_one() -> None:
     hidden = np.zeros((80, 120), bool)
     hidden[:, :59] = True
     picture = np.full((80, 120, 3), 40, np.uint8)
@@ -333,7 +333,7 @@ def test_an_edge_goes_to_the_picture_s_edge_where_it_shows_one() -> None:
     assert moved[58] > 0.9 > 0.1 > moved[60]
 
 
-def test_nothing_shines_through_a_mask_beyond_its_edge() -> None:
+def test_the_matte_is_1_inside_a_mask() -> None:
     """A mask three pixels too wide, over an occluder that is hardly darker: the filter alone leaves 3 % inside."""
     picture = np.full((80, 120, 3), 120.0)
     picture[:, 60:] = 110
@@ -363,7 +363,7 @@ def test_a_pixel_of_a_mask_has_the_vote_of_its_five_nearest_points() -> None:
     np.testing.assert_array_equal(vote_of_points(mask, points, nearer), median_filter(votes, 5))
 
 
-def test_without_a_mask_most_of_seven_points_nearby_must_be_clearly_nearer() -> None:
+def test_without_a_mask_70_percent_of_seven_near_points_must_be_closer() -> None:
     generator = np.random.default_rng(6)
     where, behind = np.ones((24, 30), bool), np.full((24, 30), OBJECT, np.float32)
     where[:, :4] = False
@@ -410,7 +410,7 @@ def test_six_points_in_front_and_in_no_mask_are_a_possible_occluder(count: int, 
     assert not has_unconfirmed_occluder(layers, _points((box, OBJECT * 0.98), count=count), support, [])
 
 
-def test_a_thing_stands_on_what_is_hidden_below_it() -> None:
+def test_a_mask_stands_on_an_occluder_if_half_of_the_pixels_below_are_occluded() -> None:
     mask, hidden = np.zeros((20, 20), bool), np.zeros((20, 20), bool)
     mask[5:10, 5:15] = True
     for columns, stands in (((5, 11), True), ((5, 9), False)):
@@ -421,7 +421,7 @@ def test_a_thing_stands_on_what_is_hidden_below_it() -> None:
     assert not stands_on_occluder(hidden, mask)
 
 
-def test_points_at_the_height_of_the_foot_are_what_it_stands_on() -> None:
+def test_points_at_the_height_of_the_foot_are_on_the_support() -> None:
     """5 % of the object, or the error of the cloud there; never a third of the object."""
     heights = np.array([0.09, 0.11, -0.09, 0.23, 0.25, 0.55, 0.65])
     depths = np.array([1.0, 1.0, 1.0, 20.0, 20.0, 200.0, 200.0])

@@ -64,7 +64,7 @@ def _samples(frame: Any) -> list[np.ndarray]:
 
 
 @pytest.mark.parametrize("name", KINDS)
-def test_untouched_samples_are_the_source_s_own_to_the_bit(name: str, tmp_path: Path) -> None:
+def test_unchanged_samples_equal_the_source_bit_by_bit(name: str, tmp_path: Path) -> None:
     pixel_format, tags = KINDS[name]
     source, out = tmp_path / "source.mkv", tmp_path / "out.mkv"
     _write_source(source, pixel_format, tags)
@@ -96,7 +96,7 @@ def test_the_matrix_is_that_of_the_decoder(number: int) -> None:
     assert matrix[2] @ [1, 0, 0] == pytest.approx(0.5)
 
 
-def test_a_picture_that_did_not_change_is_the_frame_itself() -> None:
+def test_an_unchanged_image_is_the_frame_itself() -> None:
     import av
 
     frame = av.VideoFrame(16, 16, "yuv420p")
@@ -127,7 +127,7 @@ def test_codecs_of_ten_bits_keep_the_tags(codec: str | None, suffix: str, name: 
 
 
 @pytest.mark.parametrize("suffix", [".mp4", ".mkv", ".webm"])
-def test_pictures_of_odd_sides_lose_a_row_and_a_column_alone(suffix: str, tmp_path: Path) -> None:
+def test_images_of_odd_sides_lose_one_row_and_one_column(suffix: str, tmp_path: Path) -> None:
     rows, columns = np.mgrid[:51, :77]
     picture = np.dstack([4 * rows, 2 * columns, np.full(rows.shape, 90)]).astype(np.uint8)
     with VideoWriter(tmp_path / f"out{suffix}", suffix) as writer:

@@ -31,7 +31,7 @@ def source(tmp_path: Path) -> Path:
     return file
 
 
-def test_no_name_leads_out_of_the_output_or_onto_another(tmp_path: Path, source: Path) -> None:
+def test_names_of_frames_stay_inside_the_output_and_are_distinct(tmp_path: Path, source: Path) -> None:
     with frame_writer(tmp_path / "out") as write:
         for shot in SHOTS:
             write(shot, PICTURE)
@@ -40,7 +40,7 @@ def test_no_name_leads_out_of_the_output_or_onto_another(tmp_path: Path, source:
     assert source.read_bytes() == b"the user's own"
 
 
-def test_no_name_leads_out_of_an_export(tmp_path: Path, source: Path) -> None:
+def test_names_of_frames_stay_inside_an_export(tmp_path: Path, source: Path) -> None:
     (tmp_path / "export").mkdir()
     layers = LayerWriter(tmp_path / "export", SHOTS, 0.5)
     ones, colours = np.ones((8, 9), np.float32), np.ones((8, 9, 3), np.float32)

@@ -86,7 +86,7 @@ def _write_stills(folder: Path, pictures: list[np.ndarray]) -> None:
 
 
 @pytest.mark.slow
-def test_a_video_comes_back_with_its_times_sound_and_rotation(
+def test_a_video_keeps_its_times_sound_and_rotation(
     work: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     import json

@@ -55,7 +55,7 @@ def _one_cell(row: int, column: int, level: float = 50.0) -> Environment:
     return Environment(radiance, TURNED, SEEN)
 
 
-def test_a_map_goes_from_up_to_down_and_round_from_behind() -> None:
+def test_rows_of_a_map_are_elevations_and_columns_azimuths() -> None:
     directions = map_directions(2, 4)
     half = np.sqrt(0.5)
     assert directions[:, 0] == pytest.approx(np.array([[-0.5, -0.5, half], [-0.5, -0.5, -half]]))
@@ -67,12 +67,12 @@ def test_a_map_goes_from_up_to_down_and_round_from_behind() -> None:
     assert np.linalg.norm(map_directions(), axis=-1) == pytest.approx(1)
 
 
-def test_even_light_is_pi_times_its_radiance_on_every_surface() -> None:
+def test_constant_radiance_has_pi_times_its_irradiance() -> None:
     for normal in np.array([[0, 1.0, 0], [0, -1.0, 0], [0.6, 0, 0.8]]):
         assert _even(0.7).irradiance(normal) == pytest.approx(np.full(3, 0.7 * np.pi), rel=2e-3)
 
 
-def test_one_bright_cell_lights_by_the_cosine() -> None:
+def test_the_irradiance_of_one_cell_has_the_cosine() -> None:
     environment = _one_cell(20, 70)
     toward = map_directions()[20, 70] @ TURNED  # in the scene
     for normal in (toward, np.array([0.0, 1.0, 0.0]), -toward):
@@ -80,7 +80,7 @@ def test_one_bright_cell_lights_by_the_cosine() -> None:
         assert environment.irradiance(normal) == pytest.approx(np.full(3, 50 * cosine * solid_angles()[20]), rel=1e-6)
 
 
-def test_reflections_are_ever_smoother_maps_of_half_the_size() -> None:
+def test_each_level_of_reflections_has_half_the_size_and_more_blur() -> None:
     levels = prefiltered_environment(_one_cell(20, 70))
     assert [level.shape for level in levels] == [(HEIGHT >> k, WIDTH >> k, 3) for k in range(LEVELS + 1)]
     peaks = [float(level.max() / level.mean()) for level in levels]
@@ -90,7 +90,7 @@ def test_reflections_are_ever_smoother_maps_of_half_the_size() -> None:
     assert means == pytest.approx([means[0]] * (LEVELS + 1), rel=0.1)  # no lobe adds or loses light
 
 
-def test_the_lobe_is_ggx_about_half_the_angle() -> None:
+def test_the_lobe_of_reflections_is_ggx_of_half_the_angle() -> None:
     alpha2 = 0.5**4
     assert ggx_lobe(np.array(1.0), 0.5) == pytest.approx(1 / alpha2)
     assert ggx_lobe(np.array(0.5), 0.5) == pytest.approx(alpha2 / (0.75 * (alpha2 - 1) + 1) ** 2 * 0.5)
@@ -98,7 +98,7 @@ def test_the_lobe_is_ggx_about_half_the_angle() -> None:
     assert ggx_lobe(np.array(1.0), 0.01) == ggx_lobe(np.array(1.0), 0.05)
 
 
-def test_lights_have_the_energy_the_angle_and_the_middle_of_a_map() -> None:
+def test_light_samples_keep_energy_and_mean_direction_of_the_map() -> None:
     environment = _even(0.25)
     lights = median_cut(environment, environment.radiance, 5)
     assert lights.power.sum(axis=0) == pytest.approx(np.full(3, np.pi), rel=1e-6)
@@ -112,7 +112,7 @@ def test_lights_have_the_energy_the_angle_and_the_middle_of_a_map() -> None:
         assert lit == pytest.approx(environment.irradiance(normal), rel=0.05)
 
 
-def test_a_bright_spot_has_a_light_of_its_own() -> None:
+def test_a_bright_spot_has_a_separate_light_sample() -> None:
     environment = _one_cell(20, 70)
     lights = sample_lights(environment, 6)
     best = int(lights.power[:, 0].argmax())
@@ -121,7 +121,7 @@ def test_a_bright_spot_has_a_light_of_its_own() -> None:
     assert lights.angle[best] < 0.1 * 4 * np.pi / 2**6
 
 
-def test_a_part_is_cut_where_its_energy_halves() -> None:
+def test_median_cut_halves_the_energy() -> None:
     for sums, cut in (([1, 1, 1, 1], 2), ([4, 1, 1], 1), ([1, 1, 4], 2), ([0, 0], 1)):
         row = np.array(sums, dtype=float)[None]
         assert divide_box(row, (0, 1, 0, len(sums))) == [(0, 1, 0, cut), (0, 1, cut, len(sums))]
@@ -133,7 +133,7 @@ def test_a_part_is_cut_where_its_energy_halves() -> None:
     assert divide_box(bright, (3, 5, 5, 6)) == [(3, 4, 5, 6), (4, 5, 5, 6)]
 
 
-def test_lights_from_another_place() -> None:
+def test_near_lights_are_seen_from_another_position() -> None:
     """A lamp 2 m above, and the sun: one comes closer and changes its way, the other does not."""
     up, sun = np.array([0.0, 0.0, 1.0]), np.array([0.6, 0.0, 0.8])
     lights = LightSamples(
@@ -150,7 +150,7 @@ def test_lights_from_another_place() -> None:
     assert lights.subset(np.array([True, False])).angle.tolist() == [0.0]
 
 
-def test_a_lamp_becomes_points_all_over_it() -> None:
+def test_a_lamp_is_sampled_over_its_disc() -> None:
     lamp = SphereLights(
         np.array([[0.0, 0, 3.0]]), np.array([[2.0, 1.0, 0.5]]), np.array([0.5]), np.array([0.0, 0, 1.0])
     )
@@ -169,7 +169,7 @@ def test_a_lamp_becomes_points_all_over_it() -> None:
     assert np.count_nonzero(below) == 20  # 3 / 4 against 3
 
 
-def test_a_lamp_shines_by_its_facing_and_colour() -> None:
+def test_a_lamp_has_the_cosine_to_its_axis_and_its_colour() -> None:
     places = np.array([[0.0, 0.0, 2.0], [2.0, 0.0, 2.0]])
     down = np.array([[0.0, 0.0, -1.0], [0.0, 0.0, -1.0]])
     lamp = Lamp(places, down, np.array([0.25, 0.75]), np.array([4.0, 8.0]), 0.3, np.array([1.0, 0.5, 2.0]))
@@ -206,7 +206,7 @@ def _wall(height: int) -> Occupancy:
     return Occupancy(distance, np.zeros((20, 20, 20, 3), np.float32), np.zeros(3), 0.1)
 
 
-def test_a_wall_takes_the_light_of_a_lamp_behind_it() -> None:
+def test_a_lamp_behind_a_wall_gives_no_light() -> None:
     position, up = np.array([1.5, 1.0, 0.05]), np.array([0.0, 0.0, 1.0])
     lamps = SphereLights(np.array([[0.1, 1.0, 0.5], [1.5, 1.0, 1.9]]), np.ones((2, 3)), np.full(2, 0.02), position)
     assert estimate.reaching_fraction(lamps, _wall(20), position, up, 0.6) == pytest.approx([0.0, 1.0])
@@ -238,7 +238,7 @@ class _Grey(SceneImages):
         return np.full((48, 64, 3), 128 + row, np.uint8)
 
 
-def test_the_map_of_a_room_has_lamps_only_where_nothing_is_before_them() -> None:
+def test_occluded_lamps_are_not_in_the_environment_map() -> None:
     position, cloud = np.array([1.5, 1.0, 0.05]), ColouredPoints(np.eye(3) * 2, np.ones((3, 3), np.float32), False)
     lamp = Lamp(np.array([[0.1, 1.0, 0.5]]), np.zeros((1, 3)), np.ones(1), np.array([5.0]), 0.02)
     open_room, behind_low_wall, behind_wall = (
@@ -264,7 +264,7 @@ def test_samples_are_averaged_by_direction() -> None:
     assert (sky[row, WIDTH * 3 // 4], sky[row, WIDTH // 2]) == pytest.approx((0.5, 1.0))
 
 
-def test_what_is_not_seen_has_the_colour_of_what_is() -> None:
+def test_unseen_directions_have_the_colour_of_the_seen_border() -> None:
     shown, seen = np.full((HEIGHT, WIDTH, 3), [0.2, 0.3, 0.4]), np.zeros((HEIGHT, WIDTH))
     seen[20:40, 10:50] = 1.0
     filled = estimate.fill_unseen(shown * seen[..., None], seen)
@@ -274,7 +274,7 @@ def test_what_is_not_seen_has_the_colour_of_what_is() -> None:
 
 
 @pytest.mark.parametrize(("wanted", "level"), [(0.3, 0.3), (9.0, 0.1 * 8), (0.001, 0.1 * 0.3)])
-def test_the_unseen_upper_part_gets_its_radiance_within_bounds(wanted: float, level: float) -> None:
+def test_the_gain_of_unseen_directions_is_0_3_to_8(wanted: float, level: float) -> None:
     filled, seen = np.full((HEIGHT, WIDTH, 3), 0.1), np.zeros((HEIGHT, WIDTH))
     seen[:, :64] = 1.0
     raised = estimate.scale_unseen(filled, seen, wanted)
@@ -284,7 +284,7 @@ def test_the_unseen_upper_part_gets_its_radiance_within_bounds(wanted: float, le
     assert estimate.scale_unseen(filled, np.ones_like(seen), wanted) == pytest.approx(0.1)
 
 
-def test_without_planes_a_lamp_is_over_the_middle_of_the_room() -> None:
+def test_without_a_fitted_light_the_lamp_is_above_the_centre() -> None:
     generator = np.random.default_rng(0)
     room = ColouredPoints(generator.uniform([0, 0, 0], [8, 4, 2.5], (4000, 3)), np.ones((4000, 3), np.float32), True)
     toward = estimate.expected_lamp_direction(np.array([1.0, 1.0, 0.5]), np.eye(3), room)
@@ -294,7 +294,7 @@ def test_without_planes_a_lamp_is_over_the_middle_of_the_room() -> None:
     assert estimate.expected_lamp_direction(np.array([4.0, 2.0, 0.0]), np.eye(3), low)[2] > 0.99
 
 
-def test_the_lobe_of_the_unseen_lamp_has_its_share() -> None:
+def test_the_expected_lamp_has_60_percent_of_the_unseen_irradiance() -> None:
     filled, seen = np.full((HEIGHT, WIDTH, 3), [0.1, 0.2, 0.1]), np.zeros((HEIGHT, WIDTH))
     seen[HEIGHT // 2 :] = 1.0
     toward = np.array([0.6, 0.0, 0.8])

@@ -97,7 +97,7 @@ def _occupancy_with_wall() -> Occupancy:
     return Occupancy(distance_transform_edt(~full).astype(np.float32), light, -np.ones(3), 0.1)
 
 
-def test_a_wall_shades_the_cells_behind_it() -> None:
+def test_cells_behind_a_wall_are_in_shadow() -> None:
     floor, wall = _cells([(0, 0, 0), (2, 0, 0)], (0, 0, 1)), _occupancy_with_wall()
     low, high = np.array([[2.5, 0.0, 0.5]]), np.array([[0.3, 0.0, 1.2]])
     for spots in (1, 2):
@@ -134,7 +134,7 @@ def test_the_candidates_of_a_room() -> None:
     assert all_over.irradiance[::97] == pytest.approx(light)
 
 
-def test_no_candidate_is_where_none_can_be() -> None:
+def test_visibly_free_positions_are_no_candidates() -> None:
     room = _room()
     free = room_candidates(room, UP, None, None)
     half = room_candidates(room, UP, lambda places: places[:, 0] > 2, None)
@@ -176,7 +176,7 @@ def test_axes_are_along_a_wall() -> None:
     assert flat @ flat.T == pytest.approx(np.eye(3))
 
 
-def test_the_ceiling_is_as_high_as_the_highest_lamp_and_looks_down() -> None:
+def test_the_ceiling_is_at_the_height_of_the_highest_lamp() -> None:
     room = _room()
     all_over = room_candidates(room, UP, None, None)
     above = all_over.ceiling
@@ -208,7 +208,7 @@ def _explained(planes: PlaneShading, field: np.ndarray) -> float:
     return float(total)
 
 
-def test_a_field_is_as_likely_as_the_formula_says() -> None:
+def test_the_log_posterior_of_a_field_is_its_formula() -> None:
     planes = plane_shading(_room(), UP, None)
     assert planes.walls.tolist() == [False, True, True]
     assert planes.ambient(2.0) == pytest.approx(2.0)
@@ -221,7 +221,7 @@ def test_a_field_is_as_likely_as_the_formula_says() -> None:
     assert log_posterior(planes, fields, darker) == pytest.approx(values, rel=1e-4)
 
 
-def test_the_ambient_light_of_a_closed_room_is_what_its_walls_send() -> None:
+def test_ambient_light_is_gathered_from_the_walls() -> None:
     walls = np.ones((30, 30, 30), bool)
     walls[1:-1, 1:-1, 1:-1] = False
     light = np.broadcast_to(np.array([0.2, 0.1, 0.05], np.float32), (30, 30, 30, 3)).copy()
@@ -271,7 +271,7 @@ def test_a_fitted_lamp_is_the_likely_candidate_at_its_strength() -> None:
     assert mixed.strengths == pytest.approx([4.0 / TYPICAL_IRRADIANCE, 3.0 / TYPICAL_IRRADIANCE])
 
 
-def test_scores_add_all_that_is_known_of_lamps_and_of_what_is_not_shown() -> None:
+def test_scores_are_the_contrast_and_the_priors_of_lamps_and_unseen_surfaces() -> None:
     planes = replace(plane_shading(_room(), UP, None), gain=2.0)
     candidates = room_candidates(planes.cells, UP, None, None)
     rows = [3, 700, 1100]
@@ -299,7 +299,7 @@ def test_scores_add_all_that_is_known_of_lamps_and_of_what_is_not_shown() -> Non
             assert scores[row, column] == pytest.approx(expected, rel=1e-4)
 
 
-def test_a_lamp_s_colour_is_how_planes_change_from_shadow_to_light() -> None:
+def test_the_colour_of_a_lamp_is_the_change_of_hue_from_shadow_to_light() -> None:
     """White planes, ambient light of one colour, and an orange lamp: each channel is lit by its own strength."""
     room = _room()
     tint, lamp_colour = np.array([1.0, 1.0, 1.0]), np.exp(np.array([0.25, 0.0, -0.4]))
@@ -315,7 +315,7 @@ def test_a_lamp_s_colour_is_how_planes_change_from_shadow_to_light() -> None:
     assert shading._lamp_colours(planes, [fitted])[0].tolist() == [1, 1, 1]
 
 
-def test_lamps_and_what_is_not_shown_are_balanced_together() -> None:
+def test_strengths_and_unseen_gain_are_balanced_together() -> None:
     planes = plane_shading(_room(), UP, None)
     fitted = _fitted(planes, DIRECT_TO_AMBIENT_PRIOR / 1.28)
     times = CEILING_ALBEDO * (1 + 1.28 * fitted.ceiling_irradiance)

@@ -68,7 +68,7 @@ def _lamp_place(shading: RoomLight) -> FloatArray:
 
 
 @pytest.mark.parametrize("lamp", [(1.0, -0.8, 2.4), (-1.2, 0.9, 2.3)])
-def test_a_lamp_is_where_the_shading_says(lamp: tuple[float, float, float]) -> None:
+def test_the_shading_of_planes_determines_the_position_of_a_lamp(lamp: tuple[float, float, float]) -> None:
     shading = fit_room_light(_room(lamp, STRENGTH), UP)
     assert shading is not None
     assert len(shading.lamps) == 1
@@ -76,13 +76,13 @@ def test_a_lamp_is_where_the_shading_says(lamp: tuple[float, float, float]) -> N
     assert _down_at(shading, np.array([lamp[0], lamp[1], 0.0])) == pytest.approx(STRENGTH / lamp[2] ** 2, rel=0.35)
 
 
-def test_even_light_has_hardly_a_lamp_that_shines_down() -> None:
+def test_constant_light_has_a_weak_lamp() -> None:
     shading = fit_room_light(_room(None, 0.0), UP)
     assert shading is not None
     assert _down_at(shading, np.zeros(3)) < 0.35 * shading.ambient
 
 
-def test_no_lamp_is_where_none_can_be() -> None:
+def test_no_lamp_is_at_a_visibly_free_position() -> None:
     true = (1.0, -0.8, 2.4)
     shading = fit_room_light(_room(true, STRENGTH), UP, lambda places: places[:, 0] > 0)
     assert shading is not None
@@ -101,7 +101,7 @@ def test_a_fit_needs_60_cells_on_2_planes(rows: range, is_fitted: bool) -> None:
     assert (fit_room_light(cells, UP) is not None) == is_fitted
 
 
-def test_a_lamp_is_brighter_nearby() -> None:
+def test_the_irradiance_of_a_lamp_decreases_with_distance() -> None:
     """Its points send power / r^2 to every place, from where it is; the rest sends the same to all."""
     rest = np.full((HEIGHT, WIDTH, 3), 0.1, np.float32)
     place, power = np.array([0.0, 1.0, 2.0]), np.array([3.0, 2.0, 1.0])
@@ -115,7 +115,7 @@ def test_a_lamp_is_brighter_nearby() -> None:
         assert (points.directions @ away / np.linalg.norm(away)).min() > 0.999
 
 
-def test_the_unseen_part_makes_white_white() -> None:
+def test_unseen_light_makes_a_white_surface_white() -> None:
     """Its irradiance is the sum of the lamp's lobe and the remainder."""
     filled = np.full((HEIGHT, WIDTH, 3), 0.1)
     seen = np.zeros((HEIGHT, WIDTH))

@@ -80,7 +80,7 @@ def _posts() -> ColouredPoints:
 
 
 @pytest.mark.parametrize(("elevation", "azimuth"), [(50, 200), (35, 310)])
-def test_shadows_of_posts_say_where_the_sun_is(elevation: float, azimuth: float) -> None:
+def test_the_sun_is_the_direction_of_the_shadows_of_posts(elevation: float, azimuth: float) -> None:
     rise, turn = np.radians([elevation, azimuth])
     true = np.array([np.cos(rise) * np.cos(turn), np.cos(rise) * np.sin(turn), np.sin(rise)])
     sun = sun_direction(_posts(), _Drawn(true), GROUND)
@@ -88,7 +88,7 @@ def test_shadows_of_posts_say_where_the_sun_is(elevation: float, azimuth: float)
     assert sun @ true > np.cos(np.radians(12))
 
 
-def test_a_shadow_takes_half_of_the_light() -> None:
+def test_without_shadows_of_half_the_light_there_is_no_sun() -> None:
     """The logarithm of the luminance decreases by 0.63, and by 1.04 in the shadows of the test above."""
     assert sun_direction(_posts(), _Drawn(np.array([-0.604, -0.22, 0.766]), shade=0.33), GROUND) is None
 
@@ -116,7 +116,7 @@ def _half_seen() -> tuple[FloatArray, FloatArray, FloatArray]:
     return shown, seen, sky
 
 
-def test_the_sky_is_all_around_and_lights_the_ground_as_it_looks() -> None:
+def test_the_unseen_sky_has_the_radiance_that_the_ground_requires() -> None:
     whole, known, power = sky_light(*_half_seen(), 0.3, None)
     assert known[: HEIGHT // 2].min() == 1
     assert not power.any()
@@ -124,7 +124,7 @@ def test_the_sky_is_all_around_and_lights_the_ground_as_it_looks() -> None:
     assert lit == pytest.approx(np.full(3, np.pi * 0.3 / GROUND_ALBEDO), rel=0.01)
 
 
-def test_the_sun_sends_what_the_sky_does_not() -> None:
+def test_the_power_of_the_sun_is_the_light_on_the_ground_minus_that_of_the_sky() -> None:
     sun = np.array([0.0, -0.6, 0.8])
     whole, known, power = sky_light(*_half_seen(), 0.3, sun)
     sky = Environment(whole.astype(np.float32), np.eye(3), known.astype(np.float32)).irradiance(UP)
@@ -133,7 +133,7 @@ def test_the_sun_sends_what_the_sky_does_not() -> None:
 
 
 @pytest.mark.parametrize(("high", "fraction"), [(0.0, 1.0), (0.5, 0.5), (2.0, 0.0)])
-def test_a_wall_takes_the_sun_from_the_part_of_an_object_behind_it(high: float, fraction: float) -> None:
+def test_the_part_of_an_object_behind_a_wall_is_not_in_the_sun(high: float, fraction: float) -> None:
     """A wall at x = 1 and a sun at an elevation of 45 degrees: its shadow at x = 0 ends at its height minus one."""
     sun = np.array([np.sqrt(0.5), 0.0, np.sqrt(0.5)])
     y, z = np.meshgrid(np.linspace(-4, 4, 81), np.linspace(0, 1 + high, 41))
@@ -156,7 +156,7 @@ def test_a_wall_takes_the_sun_from_the_part_of_an_object_behind_it(high: float, 
     assert lit.lamps.occupancy is occupancy
 
 
-def test_the_sun_is_searched_where_no_sky_can_be_seen() -> None:
+def test_the_sun_is_searched_if_the_cameras_look_down() -> None:
     """The upper edge of the image is 26.6 degrees above its axis; 5 % of its rows are 3 degrees."""
     sun = np.array([0.0, -0.6, 0.8])
     images = _Drawn(sun, pitch_deg=27.0)
@@ -179,7 +179,7 @@ def test_a_sky_that_no_image_shows_gives_a_quarter_of_the_light() -> None:
     assert sky + 0.8 * power == pytest.approx(np.full(3, np.pi * 0.3 / GROUND_ALBEDO), rel=0.01)
 
 
-def test_sky_is_above_free_and_bright() -> None:
+def test_sky_is_above_the_horizon_12_pixels_from_points_and_bright() -> None:
     colours = np.array([[0.2, 0.4, 0.8], [1, 1, 0.9], [0.6, 0.5, 0.4], [0.02, 0.03, 0.05], [1, 1, 1], [1, 1, 1]])
     rise, free = np.array([0.3, 0.3, 0.3, 0.3, -0.1, 0.3]), np.array([50, 50, 50, 50, 50, 3.0])
     assert sky_pixels(colours.astype(np.float32), rise, free).tolist() == [True, True, False, False, False, False]

@@ -47,7 +47,7 @@ def _forward(renderer: ObjectRenderer, rotation: FloatArray, translation: FloatA
     return image
 
 
-def test_both_ways_give_one_picture(renderer: ObjectRenderer) -> None:
+def test_deferred_and_direct_shading_are_equal(renderer: ObjectRenderer) -> None:
     gathered, forward = renderer.image(WINDOW, *VIEW), _forward(renderer, *VIEW)
     assert (gathered.alpha > 0.5).sum() > 500
     # the forward target keeps colours as half floats
@@ -91,14 +91,14 @@ def test_tiles_leave_no_seam(renderer: ObjectRenderer, monkeypatch: pytest.Monke
     np.testing.assert_allclose(tiled.depth, whole.depth, rtol=1e-4)
 
 
-def test_an_outline_in_between_changes_nothing(renderer: ObjectRenderer) -> None:
+def test_an_outline_between_two_images_changes_neither(renderer: ObjectRenderer) -> None:
     before = renderer.image(WINDOW, *VIEW)
     grown = renderer.outline(WINDOW, *VIEW, 1.2)
     assert grown.sum() > 1.2 * before.alpha.sum()
     np.testing.assert_array_equal(renderer.image(WINDOW, *VIEW).colour, before.colour)
 
 
-def test_a_machine_without_opengl_is_named_the_package(tmp_path: Path) -> None:
+def test_without_opengl_the_message_names_the_package(tmp_path: Path) -> None:
     words = [str(tmp_path), "--model", "m.glb", "--out", str(tmp_path / "o.mp4")]
     code = "import sys; from metric_cli.insert_object.insert import main; sys.exit(main(sys.argv[1:]))"
     hidden = os.environ | {"__EGL_VENDOR_LIBRARY_FILENAMES": str(tmp_path / "no.json")}

@@ -58,7 +58,7 @@ def _model(low: tuple[float, float, float], high: tuple[float, float, float]) ->
     return Model("m", (Mesh(corners, normals, np.zeros((3, 2)), np.array([[0, 1, 2]]), MATERIAL),))
 
 
-def test_a_model_stands_at_its_place_and_looks_along_its_heading() -> None:
+def test_a_body_has_the_position_and_the_heading_of_its_object() -> None:
     """A model of 2 x 4 x 1 m whose front is +z, in a scene of 0.5 units a metre, looking along +x."""
     body = body_of(_model((0, 1, 0), (2, 5, 1)), np.array([7.0, 8.0, 9.0]), np.eye(3), np.array([1.0, 0, 0]), 0.5)
     scene = body.position + body.unit * body.corners
@@ -73,7 +73,7 @@ def test_a_model_stands_at_its_place_and_looks_along_its_heading() -> None:
     assert (other.unit * other.corners)[:, 2] == pytest.approx([0.5, 2.5, 2.5])
 
 
-def test_bodies_in_each_other_s_frame() -> None:
+def test_parts_are_transformed_into_the_frame_of_another_body() -> None:
     one, two = (
         Body((_square(),), np.array(at), np.eye(3), unit) for at, unit in (((1.0, 2, 3), 2.0), ((4.0, 2, 3), 0.5))
     )
@@ -88,7 +88,7 @@ def test_bodies_in_each_other_s_frame() -> None:
     assert one.unit * (turn @ one.corners[1] + offset) == pytest.approx(there)
 
 
-def test_points_are_spread_over_triangles_by_their_area() -> None:
+def test_sample_points_on_triangles_are_proportional_to_area() -> None:
     small, large = _square(1.0), _square(2.0, z=5.0)
     both = _part(np.concatenate([small.vertices, large.vertices]), np.concatenate([small.faces, small.faces + 4]))
     spots, normals = _spread_over(both)
@@ -103,7 +103,7 @@ def test_points_are_spread_over_triangles_by_their_area() -> None:
     assert not _spread_over(flat)[0].any()
 
 
-def test_a_colour_is_the_factor_times_tint_and_texture() -> None:
+def test_the_albedo_is_base_colour_times_tint_times_texture() -> None:
     texture = np.full((32, 32, 4), 188, np.uint8)
     tint = np.tile([0.5, 1.0, 1.0, 1.0], (4, 1))
     material = replace(MATERIAL, base_texture=texture)
@@ -115,7 +115,7 @@ def test_a_colour_is_the_factor_times_tint_and_texture() -> None:
     assert body.albedo == pytest.approx(whole, rel=1e-5)
 
 
-def test_what_stands_beside_is_in_the_mirror() -> None:
+def test_other_objects_are_in_the_environment_map_of_reflections() -> None:
     environment = Environment(
         np.full((HEIGHT, WIDTH, 3), 2.0, np.float32), np.eye(3), np.ones((HEIGHT, WIDTH), np.float32)
     )
@@ -137,7 +137,7 @@ def test_what_stands_beside_is_in_the_mirror() -> None:
     assert environment_with_objects(environment, mirror, [nearer, two]).radiance[HEIGHT // 2, WIDTH // 2].max() == 0
 
 
-def test_a_light_s_map_holds_what_casts() -> None:
+def test_the_shadow_map_of_a_light_covers_the_sphere_of_the_casters() -> None:
     directions = np.array([[0.0, 0.6, 0.8], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
     near = np.array([0.0, 0.25, 0.5])
     lights = LightSamples(directions, np.ones((3, 3)), near, np.zeros(3))
@@ -151,7 +151,7 @@ def test_a_light_s_map_holds_what_casts() -> None:
 
 
 @pytest.mark.parametrize("near", [0.0, 0.2])
-def test_a_shadow_falls_along_the_light_s_rays(near: float) -> None:
+def test_a_shadow_is_projected_along_the_rays_of_its_light(near: float) -> None:
     turned = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])  # the plane's up is +y
     direction = np.array([0.48, -0.36, 0.8])
     matrix = shadow_maps._shadow_matrix(direction, near, turned, 4.0)
@@ -165,7 +165,7 @@ def test_a_shadow_falls_along_the_light_s_rays(near: float) -> None:
     assert 4.0 * on_plane[:2] / on_plane[3] == pytest.approx([1.0, 2.0])
 
 
-def test_the_part_of_a_map_that_a_light_darkens() -> None:
+def test_the_shadow_of_a_light_covers_a_part_of_the_map() -> None:
     ends = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.25, 0.25) for z in (0.0, 1.0)])
     down = shadow_maps._shadow_matrix(np.array([0.0, 0, 1]), 0.0, np.eye(3), 2.0)
     half = MAP_PIXELS // 2
@@ -196,7 +196,7 @@ def test_light_on_the_open_plane_falls_with_the_cube_of_the_distance() -> None:
         assert light[row, column] == pytest.approx(np.array([3.0, 2.0, 1.0]) * (2 / far) * (2 / far) ** 2, rel=0.02)
 
 
-def test_a_window_s_clip_space_is_its_pixels() -> None:
+def test_clip_space_is_the_pixels_of_the_window() -> None:
     window = Window(280.0, 300.0, 150.0, 130.0, 20, -10, 200, 120)
     rotation, translation = _view().rotation, np.array([0.1, -0.2, 0.5])
     clip = window.projection(rotation, translation, 0.5, 8.0)
@@ -226,7 +226,7 @@ def test_rays_go_through_the_centres_of_pixels() -> None:
     assert view.rotation @ ray == pytest.approx([0.1, -0.05, 1.0])
 
 
-def test_the_window_behind_a_box_has_all_of_its_rays() -> None:
+def test_the_undistorted_window_contains_all_rays_of_a_box() -> None:
     box = PixelBox(100, 60, 180, 140)
     plain = Camera("PINHOLE", 320, 240, np.array([256.0, 512.0, 150.0, 130.0]))
     assert boxes.window_behind(plain, box) == Window(256.0, 512.0, 150.0, 130.0, 99, 59, 82, 82)
@@ -248,7 +248,7 @@ def _box_body() -> Body:
     return Body((_part(corners, np.array([[0, 1, 2]])),), np.array([0.2, 0.1, 0.0]), np.eye(3), 0.4)
 
 
-def test_boxes_hold_an_object_and_its_shadows() -> None:
+def test_boxes_contain_the_object_and_shadows_of_up_to_3_sizes() -> None:
     view, body = _view(), _box_body()
     pixels = _at(view, body.position + body.unit * body.corners)
     margin = boxes.MARGIN_PX
@@ -287,7 +287,7 @@ def test_boxes_hold_an_object_and_its_shadows() -> None:
     assert low.x0 == max(int(np.floor(cast[:, 0].min())) - margin, 0)
 
 
-def test_a_layer_is_bent_by_the_lens_to_half_a_pixel() -> None:
+def test_layers_are_distorted_by_the_lens_to_half_a_pixel() -> None:
     view = replace(_view(), camera=LENS)
     box = PixelBox(20, 30, 120, 110)
     window = boxes.window_behind(LENS, box)
@@ -300,7 +300,7 @@ def test_a_layer_is_bent_by_the_lens_to_half_a_pixel() -> None:
     assert np.unique(nearest).size <= window.width
 
 
-def test_the_shadow_is_where_each_pixel_looks_at_the_plane() -> None:
+def test_the_shadow_of_a_pixel_is_at_the_intersection_of_its_ray_and_the_plane() -> None:
     view, body = _view(), _box_body()
     size = 64
     rows, columns = np.indices((size, size))
@@ -319,7 +319,7 @@ def test_the_shadow_is_where_each_pixel_looks_at_the_plane() -> None:
     assert seen[beside[1], beside[0]].tolist() == [1, 1, 1]
 
 
-def test_the_box_of_an_object_s_own_pixels() -> None:
+def test_the_silhouette_is_the_box_of_pixels_with_half_coverage() -> None:
     alpha = np.zeros((20, 30), np.float32)
     alpha[4:9, 10:13] = 0.6
     alpha[2, 2] = 0.5
@@ -352,7 +352,7 @@ def test_pixels_without_a_ray_are_outside_of_the_window() -> None:
     assert boxes.window_behind(camera, PixelBox(0, 0, 1, 1)).width > 0, "no pixel of the box has a ray"
 
 
-def test_a_studio_looks_at_the_object_from_above() -> None:
+def test_studio_views_are_from_above() -> None:
     axes = studio.camera_axes(30.0, 20.0)
     assert axes @ axes.T == pytest.approx(np.eye(3))
     assert np.linalg.det(axes) == pytest.approx(1)

@@ -1,6 +1,7 @@
 """Searches as people type them: a question (`how tall is a door`), a name with a size (`tv 55 inch`), or a name.
 
-The browser applies the same rules to the index of `explorer.search_index`, so that it finds what the server finds.
+A text that means no category (`Tree.resolve`) has no answer; its hits are similar names. The browser applies the same
+rules to the index of `explorer.search_index`, so that both find the same categories.
 """
 
 from __future__ import annotations
@@ -20,15 +21,15 @@ from metric_tree.node import Meaning, UnknownName
 from taxonomy.words.spelling import plain_fold
 
 _SIZES = r"(?:sizes?|height|width|length|depth|dimensions?|diameter|thickness|measurements?)"
-#: Beginnings and ends of a text that are about a size; the syntax of Python and JavaScript is the same here.
+#: Beginnings and ends of a query that are no part of a name. The pattern is valid in Python and in JavaScript.
 LEADING = (
     r"^(?:how (?:tall|high|wide|long|deep|big|large|thick|heavy) (?:is|are)|what(?: is| are|'?s)|"
     rf"average|standard|typical|normal|{_SIZES} of|the|an?) "
 )
 TRAILING = rf" (?:{_SIZES}|\d+|in|inch|inches|cm|mm|m|ft|feet)$"
-#: Rules of `Meaning.how` by which a text has words that no name of its node has.
+#: Values of `Meaning.how` for texts that are not a name of the node; the answer then begins with "Taken as".
 TAKEN = frozenset({"modifier stripped", "broader kind", "misspelt"})
-#: Punctuation of a sentence, which is no part of a name or number.
+#: Punctuation at the end of a word, which is removed.
 PUNCTUATION = r"[?!;:,.]+(?:\s|$)"
 
 

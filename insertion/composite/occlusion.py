@@ -29,7 +29,7 @@ MIN_POINTS = 4
 FULL_OCCLUSION_FRACTION = 0.97
 #: Maximum fraction of closer points of a mask that does not occlude the object.
 NO_OCCLUSION_FRACTION = 0.03
-#: Distance below a mask of the pixels that it stands on, if it has too few points.
+#: Distance below a mask of the pixels that decide for it if it has too few points: they show its support.
 SUPPORT_OFFSET_PX = 4
 #: Number of nearest points of a mask that vote in each pixel.
 N_VOTING_POINTS = 5
@@ -43,9 +43,9 @@ N_DENSE_POINTS = 7
 MAX_DENSE_DISTANCE_PX = 24.0
 #: Minimum fraction of closer points in a pixel without a mask.
 MIN_DENSE_FRACTION = 0.7
-#: Maximum length of the mean unit vector to these points: 0.64 at the edge of an occluder, 1 far beside it.
+#: Maximum length of the mean unit vector to these points: 0.64 at the edge of an occluder, 1 far outside it.
 MAX_ONE_SIDEDNESS = 0.85
-#: Minimum number of points in front of an object, in no mask, that are reported as a possible occluder.
+#: Minimum number of points in front of an object and outside all masks for the warning about a possible occluder.
 MIN_UNCONFIRMED_POINTS = 6
 #: Width of the border of a mask whose points belong to it, in pixels at an image width of 640: masks are drawn small.
 MASK_BORDER_PX = 8
@@ -127,8 +127,8 @@ def occluded_fraction(
     nearest = distance_transform_edt(~np.isfinite(layer.depth), return_distances=False, return_indices=True)
     object_depth: NDArray[np.float32] = np.asarray(layer.depth[tuple(nearest)])
 
-    # 2. Occluders with masks. One without enough points is closer if what it stands on is. Dense points in the border
-    #    of another mask may belong to that one.
+    # 2. Masks. One with too few points is an occluder if the pixels just below are occluded. Dense points in the
+    #    border of a second mask may belong to that mask, and do not vote.
     size = 2 * round(MASK_BORDER_PX * width_factor) + 1
     columns, rows = pixels.astype(np.int64).T
     masks = [mask for item in instances if (mask := mask_in_box(item, box)) is not None and (mask & around).any()]
@@ -388,7 +388,7 @@ def occluded_by_points(
 def has_unconfirmed_occluder(
     layers: ObjectLayers, points: VisiblePoints, is_support: BoolArray, masks: Sequence[Instance]
 ) -> bool:
-    """Return whether sparse points in no mask are in front of an object: they may be an occluder, but do not hide it.
+    """Return whether sparse points outside all masks are in front of an object: a possible occluder, which is ignored.
 
     Parameters
     ----------

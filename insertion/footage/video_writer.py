@@ -26,7 +26,7 @@ _WEIGHTS = {1: (0.2126, 0.0722), 4: (0.30, 0.11), 7: (0.212, 0.087), 9: (0.2627,
 _DEFAULT = (0.299, 0.114)
 #: Pixel formats with planes Y, U, V of 8 bits, or of more bits in two bytes.
 _PLANAR = ("yuv420p", "yuv422p", "yuv444p", "yuvj420p", "yuvj422p", "yuvj444p")
-#: Code of the full range in FFmpeg.
+#: Value of `color_range` in FFmpeg for samples from 0 to 255 (full range).
 _FULL_RANGE = 2
 ChromaMatrix = NDArray[np.float64]
 _CODE = re.compile(r"(\d\d):(\d\d):(\d\d)([:;.])(\d\d)")
@@ -37,7 +37,8 @@ MAX_RATE_DENOMINATOR = 1001
 #: Constant quality of x264 without a visible loss, a few Mbit/s.
 QUALITY = "17"
 _FORMATS = {".mkv": "matroska", ".webm": "webm", ".mov": "mov", ".avi": "avi"}
-#: Encoder of FFmpeg with its options, and its pixel format if it supports only one, by the value of `--codec`.
+#: Encoder of FFmpeg, its options, and its only pixel format or None, by the value of `--codec`. The default is h264, or
+#: hevc for a source of more than 8 bits.
 CODECS: dict[str, tuple[str, dict[str, str], str | None]] = {
     "h264": ("libx264", {"crf": QUALITY, "preset": "fast"}, None),
     "hevc": ("libx265", {"crf": QUALITY, "preset": "fast", "x265-params": "log-level=error:bframes=0"}, None),
@@ -45,7 +46,7 @@ CODECS: dict[str, tuple[str, dict[str, str], str | None]] = {
     "lossless": ("libx264", {"qp": "0", "preset": "fast"}, None),
     "vp9": ("libvpx-vp9", {"crf": QUALITY, "b": "0"}, None),
 }
-#: Formats that all encoders support, of 8 and 10 bits; other formats are converted to the first of their depth.
+#: Pixel formats of 8 and of 10 bits that all encoders support. Other formats are converted to the first one.
 _PLAIN, _DEEP = ("yuv420p", "yuv422p", "yuv444p"), ("yuv420p10le", "yuv422p10le", "yuv444p10le")
 _TAGS = ("colorspace", "color_range", "color_primaries", "color_trc")
 #: Tags of a video of images: BT.709, limited range.

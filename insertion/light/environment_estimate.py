@@ -52,8 +52,7 @@ OBJECT_BORDER_CELLS = 4
 ELEVATION_SIGMA = 6.0
 #: Albedo of the ground outdoors. Grass, asphalt, concrete and earth reflect 0.1 to 0.35.
 GROUND_ALBEDO = 0.25
-#: Fraction of the light on the ground that comes from a sky that no image shows, under the sun: 0.15 to 0.3 if it is
-#: clear.
+#: Fraction of the light on the ground that comes from an invisible sky if there is a sun: 0.15 to 0.3 for a clear sky.
 SKY_FRACTION = 0.25
 #: Minimum and maximum factor of the sky's brightness over that in the images.
 SKY_GAIN_RANGE = (0.3, 8.0)
@@ -63,7 +62,7 @@ MAX_IMAGES = 24
 PIXEL_STEP, MAX_SAMPLES_PER_ROW = 6, 160
 #: Fraction of pixels above the brightest ordinary surfaces: lamps, windows, highlights.
 HIGHLIGHT_FRACTION = 0.03
-#: Albedo of a white surface, if nothing else determines the amount of light.
+#: Albedo of a white surface. It determines the amount of light without a fitted light.
 WHITE_ALBEDO = 0.65
 #: Maximum absolute log ratio of red or blue to green of a white or grey surface in the images.
 MAX_WHITE_LOG_RATIO = 0.25

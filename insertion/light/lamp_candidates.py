@@ -21,7 +21,7 @@ from metric_base.arrays import BoolArray, FloatArray
 GRID, LEVELS = 11, 6
 #: Minimum height of a candidate, as a fraction of the height of the room: lamps are in the upper part.
 MIN_HEIGHT = 0.45
-#: Minimum height of a lamp that hangs, as a fraction of the height of the room. Lower omnidirectional lamps stand.
+#: Minimum height of a hanging lamp, as a fraction of the height of the room; lower ones are floor lamps.
 MIN_HANGING_HEIGHT = 0.8
 #: Log odds of a standing lamp against a hanging lamp or a window.
 STANDING_LOG_ODDS = -4.0

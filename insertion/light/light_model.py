@@ -1,4 +1,9 @@
-"""The light of a scene, and the environment map at any position in it."""
+"""The light of a scene: sun and sky outdoors, lamps in a room; and the environment map at any position.
+
+The sun is sought if at least 5 % of the pixels are sky (`is_outdoors`), or if the cameras look down so that no image
+can show the sky. It is used if shadows on the ground determine its direction (`insertion.light.sun`). A part of an
+object is in the shade if the occupancy grid is occupied between it and the sun (`ObjectRenderer._sunlit_fraction`).
+"""
 
 from __future__ import annotations
 
@@ -22,7 +27,7 @@ from metric_base.arrays import FloatArray
 
 #: Maximum side of a cell that may shade the sun, in heights of the cameras: a long street would have cells of metres.
 SHADE_CELL = 0.6
-#: Minimum number of points of such a cell: a stray point in the air shades nothing.
+#: Minimum number of points of such a cell, so that stray points in the air cast no shadow.
 MIN_SHADE_POINTS = 2
 
 

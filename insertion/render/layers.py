@@ -19,13 +19,13 @@ from metric_base.arrays import FloatArray
 
 #: Margin around the projected vertices in pixels: the radius of blur and filters.
 MARGIN_PX = 6
-#: Minimum loss of light that counts as shadow.
+#: Minimum fraction of the light that a shadow removes; smaller losses are invisible.
 MIN_SHADOW = 0.004
-#: Maximum distance of a shadow on other objects, relative to the size of the object, as on the support.
+#: Maximum length of a shadow beyond the support plane, in sizes of the object; on the plane it is `MAP_HEIGHTS`.
 CAST_SIZES = 3.0
 #: Maximum size of the undistorted image relative to the image, for lenses with strong distortion.
 MAX_WINDOW_RATIO = 3.0
-#: Coordinate outside of the window that a pixel without a ray has.
+#: Coordinate of pixels without a ray: it is outside of the window, so that they are empty.
 NO_RAY_PX = -9.0
 
 

@@ -17,30 +17,31 @@ from insertion.render.gpu import GpuPart, release
 from insertion.render.gpu import program as program_of
 from metric_base.arrays import FloatArray
 
-#: Pixels along one light's shadow map.
+#: Side of the shadow map of one light, in pixels.
 TILE = 320
-#: Pixels along the map of light on the plane, and how far it reaches, in heights of the object over its foot.
+#: Side of the map of the light on the support plane, in pixels.
 MAP_PIXELS = 768
+#: Maximum length of a shadow on the plane, in heights of the object.
 MAP_HEIGHTS = 3.0
-#: Pixels along the same map of the light without the object, which changes slowly.
+#: Side of the map of the light without the object, in pixels: this light changes slowly over the plane.
 OPEN_PIXELS = 32
-#: A part with alpha blending casts a shadow if it hides at least half.
+#: Minimum alpha of a blended part that casts a shadow.
 CASTING_ALPHA = 0.5
-#: Light that leaves an object of clear glass: the mean over a hollow cylinder lit from the side, with the reflections
-#: of four surfaces with an index of refraction of 1.5.
+#: Fraction of the light that passes through an object of clear glass: the mean over a hollow cylinder lit from the
+#: side, with the reflections of four surfaces with an index of refraction of 1.5.
 GLASS_TRANSMITTANCE = 0.78
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Caster:
-    """The sphere about what casts shadows: centre (3,) and radius in the local frame."""
+    """Bounding sphere of the objects that cast shadows: centre (3,) and radius in the local frame."""
 
     centre: FloatArray
     radius: float
 
     @classmethod
     def around(cls, corners: FloatArray) -> Caster:
-        """Return the sphere about vertices (n, 3), slightly enlarged."""
+        """Return the bounding sphere of vertices (n, 3), enlarged by 2 %."""
         middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
         return cls(middle, float(np.linalg.norm(corners - middle, axis=1).max()) * 1.02)
 
@@ -127,8 +128,8 @@ def shadow_catcher(
     corners : (n, 3) ndarray of float
         Vertices of the object in its local frame.
     others : sequence of GpuPart
-        Objects that are already inserted. The result is then the ratio of the light with all objects and with these,
-        so that the product over several objects is the light with all of them.
+        Objects that are already inserted. The result is then the light with all objects divided by the light with
+        `others`, so that the product of the results of several objects is the light with all of them.
     sunlit : callable, optional
         Returns the fraction (...) of the sun that the scene lets through at positions (..., 3) in the local frame.
     """

@@ -2,7 +2,7 @@
 "use strict";
 (function () {
   const root = document.documentElement.dataset.root;
-  const LIMIT = 12;
+  const LIMIT = 12;  // maximum number of categories in a list of results
   function fold(text) {
     const plain = text.toLowerCase().replace(/ß/g, "ss").replace(/ø/g, "o").normalize("NFKD").replace(/[\u0300-\u036f'’‘`´]/g, "").replace(/&/g, " and ");
     return plain.replace(/[^a-z0-9]+/g, " ").trim().split(" ").map((word) => MT_NAMES.spellings[word] || word).join(" ");

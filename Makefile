@@ -15,7 +15,7 @@ unexport PYTHONDONTWRITEBYTECODE
 # The writer of the SBOM; it is run from an environment of its own.
 CYCLONEDX := 7.5.0
 
-.PHONY: system help demo demo-video test quick system-packages check coverage reference pictures lock docs dist release-check sbom clean fuzz hunt train-check
+.PHONY: system help demo demo-video test quick system-packages lint check coverage reference pictures lock docs dist release-check sbom clean fuzz hunt train-check
 .DEFAULT_GOAL := demo
 
 help: ## list what make can do
@@ -32,13 +32,13 @@ demo-video: .venv/.insert ## a shipped video: its reconstruction, its scale by i
 	$(BIN)/insert-object out/walk_carpark --model data/models/rocking_horse.glb --size height=0.9 --facing 60 --at frame=150,x=390,y=350 --frames 110:170 --out out/demo_video.mp4
 	@echo "video: out/demo_video.mp4; what it is of: data/scenes/walk_carpark/README.md"
 
-test: system check ## lint, types and all tests
-	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
+test: system lint ## lint, types and all tests
+	$(BIN)/python -m tests.run --types
 
 # P is a package, or nothing for all of them.
 P ?=
 quick: check ## lint, types and the fast tests, of one package with P=estimator
-	$(BIN)/python -m pytest -q -n 2 --dist loadfile --quick tests/$(P)
+	$(BIN)/python -m tests.run --quick tests/$(P)
 
 system:
 	@.ci/system-packages
@@ -46,10 +46,12 @@ system:
 system-packages: ## install the Debian packages of the tests without asking
 	@YES=1 .ci/system-packages
 
-check: .venv/.dev ## lint and types
+check: lint ## lint and types
+	$(BIN)/mypy
+
+lint: .venv/.dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy
 
 hunt: .venv/.dev ## the property tests on new random examples
 	HYPOTHESIS_PROFILE=hunt $(BIN)/python -m pytest -n 2 -m hypothesis

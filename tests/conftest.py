@@ -1,8 +1,11 @@
 from __future__ import annotations
 
+import fcntl
+import gc
 import json
 import math
 import os
+import resource
 import signal
 from collections import Counter
 from pathlib import Path
@@ -13,6 +16,7 @@ from hypothesis import HealthCheck, settings
 
 from metric_cli.programs import THREAD_VARIABLES
 from metric_cli.subcommands import main
+from tests.run import DURATIONS, ROOT
 
 if TYPE_CHECKING:
     from metric_tree.tree import Tree
@@ -34,8 +38,6 @@ settings.register_profile("hunt", deadline=None, max_examples=1000, suppress_hea
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "suite"))
 
 
-#: Seconds of each test file in a complete run, written by `--record-durations`.
-DURATIONS = Path(__file__).with_name("durations.json")
 #: Maximum recorded seconds of a file that `--quick` runs: all such files together take under two minutes.
 QUICK_FILE_S = 2.0
 
@@ -60,8 +62,14 @@ class DurationRecorder:
         self.seconds[report.nodeid.partition("::")[0]] += report.duration
 
     def pytest_sessionfinish(self) -> None:
-        rounded = {name: round(seconds, 1) for name, seconds in sorted(self.seconds.items())}
-        DURATIONS.write_text(json.dumps(rounded, indent=0) + "\n", encoding="utf-8")
+        """Replace the seconds of these files, and remove those of files that are gone."""
+        with DURATIONS.open("r+", encoding="utf-8") as stream:
+            fcntl.flock(stream, fcntl.LOCK_EX)  # parts of `tests.run` end at the same time
+            seconds = json.load(stream) | {name: round(seconds, 1) for name, seconds in self.seconds.items()}
+            stream.seek(0)
+            stream.truncate()
+            kept = {name: seconds[name] for name in sorted(seconds) if (ROOT / name).exists()}
+            stream.write(json.dumps(kept, indent=0) + "\n")
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
@@ -72,6 +80,19 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         config.hook.pytest_deselected(items=[item for item in items if seconds[item] > QUICK_FILE_S])
         items[:] = [item for item in items if seconds[item] <= QUICK_FILE_S]
     items.sort(key=lambda item: -seconds[item])
+
+
+def pytest_collection_finish() -> None:
+    """Exempt what the imports left from garbage collection: every full collection would visit 500,000 objects."""
+    gc.freeze()
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Write the processor time of this process and its children, and the peak memory of this process."""
+    usages = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    processor_s = sum(usage.ru_utime + usage.ru_stime for usage in usages)
+    peak_mib = usages[0].ru_maxrss / 1024  # Linux states KiB
+    terminalreporter.write_line(f"{processor_s:.0f} s of processor, {peak_mib:.0f} MiB of memory")
 
 
 @pytest.fixture(autouse=True)

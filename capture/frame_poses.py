@@ -44,11 +44,9 @@ class FramePose:
     n_points: int = 0  #: Number of points of the model that determine the pose.
 
     def __post_init__(self) -> None:
-        if len({self.rotation is None, self.translation is None, self.origin == "none"}) > 1:
-            raise ValueError(f"frame {self.index}: rotation and translation do not fit the origin {self.origin!r}")
         shapes = [None if value is None else value.shape for value in (self.rotation, self.translation)]
-        if self.origin != "none" and shapes != [(3, 3), (3,)]:
-            raise ValueError(f"frame {self.index}: expected (3, 3) and (3,) numbers")
+        if shapes != ([None, None] if self.origin == "none" else [(3, 3), (3,)]):
+            raise ValueError(f"frame {self.index}: rotation and translation do not fit the origin {self.origin!r}")
 
     @property
     def centre(self) -> FloatArray | None:

@@ -15,7 +15,7 @@ import numpy as np
 
 from estimator.baselines.candidate_search import candidate_scales, estimate_on
 from estimator.geometry.vertical import up_from_vector
-from estimator.projection.cameras import pixels_in_view, view_rays
+from estimator.projection.cameras import view_rays
 from estimator.records.objects import MeasuredObject
 from estimator.records.options import EstimateOptions
 from estimator.records.result import ResultContext, ScaleResult, UpReport
@@ -122,13 +122,8 @@ def box_heights(scene: Scene, instances: Sequence[Instance], down: FloatArray) -
             continue
         low = np.array([item.origin[0] + columns[0], item.origin[1] + rows[0]])
         high = np.array([item.origin[0] + columns[-1] + 1, item.origin[1] + rows[-1] + 1])
-        if len(view.point_index):
-            inside = ((view.keypoints >= low) & (view.keypoints <= high)).all(axis=1)
-            depths = (view.to_camera(scene.points[view.point_index[inside]]))[:, 2]
-        else:
-            point_pixels, all_depths = pixels_in_view(view, scene.points)
-            with np.errstate(invalid="ignore"):
-                depths = all_depths[((point_pixels >= low) & (point_pixels <= high)).all(axis=1)]
+        inside = ((view.keypoints >= low) & (view.keypoints <= high)).all(axis=1)
+        depths = (view.to_camera(scene.points[view.point_index[inside]]))[:, 2]
         depth = float(np.median(depths)) if len(depths) >= MIN_POINTS else np.nan
         if not np.isfinite(depth):
             continue

@@ -19,6 +19,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -174,8 +175,6 @@ class Detector:
 
     def _one_stage_detections(self, form: OneStageForm, image: Image) -> Detections:
         """Run a one-stage detector; without masks, boxes are filled."""
-        import cv2
-
         inputs, factor, shift = one_stage_inputs(self._session.get_inputs(), form, image)
         input_size = next(value.shape[3:1:-1] for value in inputs.values() if value.ndim == 4)
         masks_of = [node.name for node in self._session.get_outputs() if len(node.shape) == 4]
@@ -209,8 +208,6 @@ class Detector:
 
     def _prepare(self, image: Image) -> tuple[NDArray[np.float32], FloatArray]:
         """Return the input (3, H', W') of a Mask R-CNN, and the factors (x, y) from pixels of the image to its own."""
-        import cv2
-
         height, width = image.shape[:2]
         input_height, input_width = self._input.shape[-2:]
         if not (isinstance(input_height, int) and isinstance(input_width, int)):  # not traced for one size
@@ -306,8 +303,6 @@ def _run_graph(session: Any, path: Path, outputs: list[str] | None, inputs: dict
 
 def _full_size_mask(masks: NDArray[Any], row: int, size: tuple[int, int]) -> BoolArray:
     """Return a mask (H, W) that has the size of the input, resized to the (width, height) of the image."""
-    import cv2
-
     mask = np.asarray(masks[row, 0], dtype=np.float32)
     if mask.shape != size[::-1]:
         mask = cv2.resize(mask, size, interpolation=cv2.INTER_LINEAR)
@@ -316,8 +311,6 @@ def _full_size_mask(masks: NDArray[Any], row: int, size: tuple[int, int]) -> Boo
 
 def _pasted_mask(masks: NDArray[Any], boxes: FloatArray, row: int, size: tuple[int, int]) -> BoolArray:
     """Return a mask (H, W) that is a small image of its box, resized to the box and cropped to the image."""
-    import cv2
-
     width, height = size
     mask = np.zeros((height, width), dtype=bool)
     if not np.all(np.abs(boxes[row]) < MAX_BOX_DISTANCE * max(width, height)):

@@ -23,6 +23,7 @@ import ast
 from collections.abc import Sequence
 from typing import Any, Literal
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -117,7 +118,6 @@ def one_stage_inputs(
     factor, shift : (2,) ndarray of float
         A pixel x of the image is at factor * x + shift in the input.
     """
-    import cv2
     from PIL import Image
 
     height, width = image.shape[:2]
@@ -172,8 +172,6 @@ def one_stage_detections(
     ValueError
         There are too many candidates or detections.
     """
-    import cv2
-
     if form in NAMED_FORMS:
         return _named_detections(form, outputs, size, factor, min_score)
     basis = next((output[0] for output in outputs if output.ndim == 4), None)
@@ -202,8 +200,6 @@ def _named_detections(
     form: OneStageForm, outputs: Sequence[NDArray[Any]], size: tuple[int, int], factor: FloatArray, min_score: float
 ) -> Found:
     """Convert boxes (1, n, 4 or 5), labels and masks (1, n, h, w) of an RF-DETR or RTMDet; result as for all forms."""
-    import cv2
-
     boxes, labels, *basis = (output[0] for output in outputs)
     if form == "rfdetr":
         chances = 1 / (1 + np.exp(-np.clip(np.asarray(labels, dtype=float), -50, 50)))
@@ -267,8 +263,6 @@ def _masks(
     input_size: tuple[int, int], factor: FloatArray, shift: FloatArray,
 ) -> tuple[BoolArray, ...]:  # fmt: skip
     """Return the mask (H, W) of each detection: its combination of the basis (k, h, w) inside its box."""
-    import cv2
-
     masks = []
     left, top = shift.astype(int)
     inner_width, inner_height = np.rint(np.array(size) * factor).astype(int)

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 
 from estimator.evidence.alignment import align
@@ -62,8 +63,6 @@ def refined_marker_corners(image: Any, dictionary: Any) -> list[tuple[int, Float
         Id and corners (4, 2) of each marker, clockwise from the upper left. The centre of the first pixel is (0, 0), as
         in OpenCV.
     """
-    import cv2
-
     parameters = cv2.aruco.DetectorParameters()
     coarse = _detect_markers(cv2.aruco.ArucoDetector(dictionary, parameters), image)
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_APRILTAG
@@ -83,8 +82,6 @@ def _detect_markers(detector: Any, image: Any) -> list[tuple[int, FloatArray]]:
 
 def _refine(image: Any, detector: Any, marker: int, corners: FloatArray) -> FloatArray | None:
     """Return the corners (4, 2) of a marker from a crop around it; None if the marker is not detected there."""
-    import cv2
-
     low, high = corners.min(axis=0), corners.max(axis=0)
     extent = float((high - low).max())
     margin = max(CROP_MARGIN * extent, MIN_CROP_MARGIN_PX)
@@ -201,8 +198,6 @@ class Marker:
 
     def _corners(self, scene: Scene) -> dict[str, dict[int, list[tuple[int, FloatArray]]]] | None:
         """Return, by marker and corner, the index of the view and the pixel (2,); None without images."""
-        import cv2
-
         dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, str(_dictionary_name(self.dictionary))))
         charuco = None
         if self.board is not None:
@@ -235,8 +230,6 @@ class Marker:
 
 def _dictionary_name(name: str) -> str | None:
     """Return the name of a dictionary in OpenCV, or None."""
-    import cv2
-
     known = {known.lower(): known for known in dir(cv2.aruco) if known.startswith("DICT_")}
     return known.get(name.lower()) or known.get(f"dict_{name.lower()}")
 

@@ -303,10 +303,6 @@ def _point_rays(item: MeasuredObject, data: OutlineData) -> PointRays | None:
     for member in item.members:
         is_new = np.isin(rows, row_indices(cloud.membership, member)) & np.isnan(eyes[:, 0])
         eyes[is_new] = data.scene.views[data.instances[member].view].centre
-    has_view = np.isfinite(eyes[:, 0])
-    if not has_view.any():
-        return None
-    rows, eyes = rows[has_view], eyes[has_view]
     offsets = cloud.points[rows] - eyes
     depths = np.linalg.norm(offsets, axis=1)
     rays = offsets / depths[:, None]

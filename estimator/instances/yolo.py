@@ -105,8 +105,7 @@ def _instance(scene: Scene, row: int, identity: str, line: str, categories: dict
     if not (np.abs(numbers) < _MAX_COORDINATE).all() or len(numbers) < _BOX:
         raise FieldError("", "class x y w h, or class and at least three corners", line)
     category = categories.get(int(numbers[0]), "")
-    if not category:
-        raise FieldError("class", f"0 to {max(categories)}, according to the names", int(numbers[0]))
+    expect(category, "class", f"0 to {max(categories)}, according to the names", int(numbers[0]))
     camera = scene.views[row].camera
     size = (camera.width, camera.height)
     is_box = len(numbers) in (_BOX, _BOX_AND_SCORE)

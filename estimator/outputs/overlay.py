@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import cv2
 import numpy as np
 
 from estimator.outputs.ground_truth import read_truth
@@ -191,8 +192,6 @@ def write_overlays(estimate: SceneEstimate, folder: Path, images: Path | None = 
     InputError
         The folder exists, or no image is found or can be read.
     """
-    import cv2
-
     files = view_pictures(estimate.scene, images)
     with whole_folder(folder, "--overlay") as temporary:
         names = OutputNames(temporary)
@@ -207,8 +206,6 @@ def write_overlays(estimate: SceneEstimate, folder: Path, images: Path | None = 
 
 def overlay(estimate: SceneEstimate, row: int, image: Any) -> Any:
     """Draw the boxes of the visible objects on the RGB image (h, w, 3) of a view, enlarged to `MIN_WIDTH_PX`."""
-    import cv2
-
     view = estimate.scene.views[row]
     factor = max(1.0, MIN_WIDTH_PX / view.camera.width)
     size = (round(view.camera.width * factor), round(view.camera.height * factor))
@@ -262,8 +259,6 @@ def _most_visible_edge(lines: FloatArray, axis: int, shape: tuple[int, ...]) -> 
 
 def _draw_line(canvas: Any, line: FloatArray, colour: tuple[int, int, int], width: int) -> None:
     """Draw a line (k, 2) without its parts that are NaN or far outside the image."""
-    import cv2
-
     drawable = np.isfinite(line).all(axis=1) & (np.abs(np.nan_to_num(line)).max(axis=1) < 8.0 * max(canvas.shape))
     runs = np.split(np.arange(len(line)), np.flatnonzero(np.diff(drawable)) + 1)
     parts = [np.rint(line[run]).astype(np.int32) for run in runs if drawable[run[0]] and len(run) > 1]

@@ -111,9 +111,8 @@ def _view(image: ColmapImage, model: ColmapModel, sorted_ids: IntArray, order: I
         Suffix of the files of the model, for messages.
     """
     with at_field(f"image {image.name!r}"):
-        if image.camera_id not in model.cameras:
-            camera = Unquoted(f"{image.camera_id}, which cameras{suffix} lacks")
-            raise FieldError("camera id", "a camera of the model", camera)
+        camera = Unquoted(f"{image.camera_id}, which cameras{suffix} lacks")
+        expect(image.camera_id in model.cameras, "camera id", "a camera of the model", camera)
         pose = np.concatenate([image.quaternion, image.translation])
         expect((np.abs(pose) < MAX_COORDINATE).all(), "pose", f"finite numbers below {MAX_COORDINATE:g}", pose.tolist())
         if abs(np.linalg.norm(image.quaternion) - 1) > MAX_QUATERNION_ERROR:

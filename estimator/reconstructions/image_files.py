@@ -9,8 +9,6 @@ from estimator.records.scene import Scene, View
 from metric_base.errors import InputError, Unquoted
 from metric_base.input_files import is_file
 
-__all__ = ["folders_above", "image_file", "image_folders"]
-
 #: Names of image folders, the preferred one first: of COLMAP and OpenSfM, and of the work folder of `estimate-scale`.
 IMAGE_FOLDERS = ("images", "frames")
 #: Number of folders above a model in which images and masks are searched; `scene/dense/0/sparse` is the deepest usual

@@ -72,14 +72,16 @@ def read_observations(
     has_version = head.startswith(_VERSION)
     if has_version and not head.partition(b"\n")[2].strip():
         raise InputError.at(file, "observations", "at least one line", 0)
-    try:
-        table = _observations_of(file, has_version, in_threads=True)
-    except (pa.ArrowInvalid, KeyError):
-        try:  # without threads, the reader always reports the same error
-            table = _observations_of(file, has_version, in_threads=False)
-        except (pa.ArrowInvalid, KeyError) as error:
-            expected = "tab-separated image, track, feature, x, y, ..."
-            raise InputError.at(file, "observations", expected, Unquoted(str(error))) from None
+    try:  # without threads, the reader always reports the same error
+        table = csv.read_csv(
+            str(file),
+            read_options=csv.ReadOptions(autogenerate_column_names=True, skip_rows=int(has_version), use_threads=False),
+            parse_options=csv.ParseOptions(delimiter="\t", quote_char=False),
+            convert_options=csv.ConvertOptions(column_types=_COLUMNS, include_columns=list(_COLUMNS), null_values=[]),
+        )
+    except (pa.ArrowInvalid, KeyError) as error:
+        expected = "tab-separated image, track, feature, x, y, ..."
+        raise InputError.at(file, "observations", expected, Unquoted(str(error))) from None
     image_rows = _rows_in(table["f0"], images)
     track_rows = _rows_in(table["f1"], tracks)
     is_known = (image_rows >= 0) & (track_rows >= 0)
@@ -90,20 +92,6 @@ def read_observations(
         expected = f"finite numbers below {MAX_COORDINATE:g}"
         raise InputError.at(file, "position", expected, positions[row].tolist())
     return image_rows[is_known], track_rows[is_known], positions
-
-
-def _observations_of(file: Path, has_version: bool, in_threads: bool) -> pa.Table:
-    """Read the used columns with PyArrow."""
-    # The file is passed by name: the threads of Arrow release a Python object only after an error is reported, and
-    # tracemalloc crashes in them if it is stopped before (CPython 128679).
-    return csv.read_csv(
-        str(file),
-        read_options=csv.ReadOptions(
-            autogenerate_column_names=True, skip_rows=int(has_version), use_threads=in_threads
-        ),
-        parse_options=csv.ParseOptions(delimiter="\t", quote_char=False),
-        convert_options=csv.ConvertOptions(column_types=_COLUMNS, include_columns=list(_COLUMNS), null_values=[]),
-    )
 
 
 def _rows_in(column: pa.ChunkedArray, names: Sequence[str]) -> IntArray:
@@ -187,9 +175,8 @@ def _length(value: object) -> int:
 
 def _camera(document: dict[str, Any]) -> Camera:
     projection = document.get("projection_type", "perspective")
-    if not isinstance(projection, str) or projection not in PROJECTIONS:
-        expected = f"one of {', '.join(PROJECTIONS)} (cut a panorama into perspective views first)"
-        raise FieldError("projection_type", expected, projection)
+    expected = f"one of {', '.join(PROJECTIONS)} (cut a panorama into perspective views first)"
+    expect(isinstance(projection, str) and projection in PROJECTIONS, "projection_type", expected, projection)
     size = []
     for side in ("width", "height"):
         pixels = document.get(side)

@@ -85,9 +85,8 @@ def brown_camera(
     corner = np.hypot(reach[0], reach[1])
     tangents = np.linspace(0, MAX_TANGENT, 4000)
     outside = np.flatnonzero(tangents * _polynomial(radial, tangents) >= corner)
-    if not len(outside):
-        found = Unquoted("a polynomial that turns back before it")
-        raise FieldError("distortion", "a polynomial that reaches the corner of the image", found)
+    found = Unquoted("a polynomial that turns back before it")
+    expect(len(outside), "distortion", "a polynomial that reaches the corner of the image", found)
     r = np.linspace(0, tangents[outside[0]], 400)
     wanted, powers = _polynomial(radial, r), np.stack([r**2, r**4, r**6], axis=1)
     fitted: FloatArray = np.zeros(6)
@@ -206,6 +205,5 @@ def glb_parts(file: Path) -> list[tuple[FloatArray, FloatArray]]:
     except (ValueError, LookupError, TypeError, AttributeError, ArithmeticError) as error:
         damage = Unquoted(f"{type(error).__name__}: {error}")
         raise FieldError("content", "nodes, meshes and primitives of glTF 2.0", damage) from None
-    if not parts:
-        raise FieldError("meshes", "at least one with vertices", 0)
+    expect(parts, "meshes", "at least one with vertices", 0)
     return parts

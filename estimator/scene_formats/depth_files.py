@@ -202,14 +202,15 @@ def read_depths(file: Path, png_metres: float = 0.001) -> DepthMaps:
         if names.issuperset(UNIDEPTH_KEYS):
             log_errors = np.log(archive_arrays(file, UNIDEPTH_KEYS[:1])[UNIDEPTH_KEYS[0]])
             relative_error = float(np.nanmedian(np.abs(log_errors.ravel() / depth.ravel())))
-    elif reader := {".npy": read_npy, ".pfm": _pfm, ".exr": read_exr}.get(kind):
+    elif reader := {".npy": read_npy, ".exr": read_exr}.get(kind):
         depth = reader(file)
     else:
-        values = read_picture(file, cv2.IMREAD_UNCHANGED)
-        if values is None or values.dtype != np.uint16:
-            actual = Unquoted("no picture" if values is None else str(values.dtype))
-            raise InputError.at(file, "picture", "a PNG of 16 bits", actual)
-        depth = np.where(values > 0, values.astype(float), np.nan) * png_metres
+        values, is_pfm = read_picture(file, cv2.IMREAD_UNCHANGED), kind == ".pfm"
+        if values is None or values.ndim != 2 or values.dtype != (np.float32 if is_pfm else np.uint16):
+            expected = "a PFM of one channel" if is_pfm else "a PNG of 16 bits"
+            actual = "no picture" if values is None else f"{values.dtype} of shape {values.shape}"
+            raise InputError.at(file, "picture", expected, Unquoted(actual))
+        depth = values.astype(float) if is_pfm else np.where(values > 0, values.astype(float), np.nan) * png_metres
     return DepthMaps(map_stack(file, depth), focal, network, relative_error)
 
 
@@ -285,18 +286,3 @@ def read_npy(file: Path) -> FloatArray:
     except Exception as error:  # noqa: BLE001 - NumPy raises a dozen kinds for damaged headers
         words = Unquoted(str(error) or type(error).__name__)
         raise InputError.at(file, "array", "a NumPy array of numbers", words) from None
-
-
-def _pfm(file: Path) -> FloatArray:
-    """Read a portable float map (h, w): `Pf`, size, a scale whose sign is the byte order, rows from the bottom up."""
-    parts = file.read_bytes().split(maxsplit=4) if file.stat().st_size <= 4 * MAX_PIXELS + 99 else []
-    try:
-        kind, width, height, scale = parts[0], int(parts[1]), int(parts[2]), float(parts[3])
-        start = file.read_bytes().index(parts[3], len(kind)) + len(parts[3]) + 1
-        order = "<f4" if scale < 0 else ">f4"
-        values = np.frombuffer(file.read_bytes(), dtype=order, count=width * height, offset=start)
-    except (IndexError, ValueError, OverflowError) as error:
-        raise InputError.at(file, "map", "a PFM of one channel", Unquoted(str(error))) from None
-    if kind != b"Pf" or min(width, height) < 1:
-        raise InputError.at(file, "kind", "Pf, one channel", Unquoted(kind.decode("ascii", "replace")))
-    return np.asarray(values.reshape(height, width)[::-1], dtype=float)

@@ -15,7 +15,7 @@ import numpy as np
 from estimator.records.scene import DenseCloud, Scene
 from estimator.scene_formats.common import glb_parts, pinhole_camera, posed_view
 from estimator.scene_formats.networks import image_names
-from metric_base.errors import FieldError, Unquoted, at_field, in_file
+from metric_base.errors import Unquoted, at_field, expect, in_file
 
 #: Longer side in pixels of the images of the network (512) in its standard form.
 LONGER_SIDE = 512
@@ -34,9 +34,8 @@ def read_dust3r(file: Path) -> Scene:
     with in_file(file):
         parts = glb_parts(file)
         drawn = [(uv, screen, tip) for (screen, uv), (tip, _) in itertools.pairwise(parts) if len(uv) == CORNERS]
-        if not drawn:
-            expected = "cameras with their images (the demo draws them unless its cameras are transparent)"
-            raise FieldError("cameras", expected, Unquoted("none"))
+        expected = "cameras with their images (the demo draws them unless its cameras are transparent)"
+        expect(drawn, "cameras", expected, Unquoted("none"))
         cameras = []
         for row, (uv, screen, tip) in enumerate(drawn):
             with at_field(f"camera {row}"):
@@ -44,8 +43,7 @@ def read_dust3r(file: Path) -> Scene:
                 corner = {
                     tuple(place): point for place, point in zip(uv.round().astype(int).tolist(), screen, strict=True)
                 }
-                if len(corner) != CORNERS:
-                    raise FieldError("texture", "its four corners", uv.tolist())
+                expect(len(corner) == CORNERS, "texture", "its four corners", uv.tolist())
                 right, down = corner[1, 0] - corner[0, 0], corner[0, 1] - corner[0, 0]
                 width, height = np.linalg.norm(right), np.linalg.norm(down)
                 forward = np.cross(right / width, down / height)

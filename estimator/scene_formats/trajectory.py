@@ -18,7 +18,7 @@ from estimator.reconstructions.ply import read_dense_cloud
 from estimator.records.scene import Scene
 from estimator.scene_formats.common import IMAGE_FOLDERS, matrix_of, pinhole_camera, posed_view
 from estimator.scene_formats.networks import IMAGE_SUFFIXES
-from metric_base.errors import FieldError, Unquoted, at_field, in_file
+from metric_base.errors import FieldError, Unquoted, at_field, expect, in_file
 from metric_base.images import image_header
 from metric_base.input_files import folder_entries, is_file, read_text
 
@@ -65,15 +65,13 @@ def read_trajectory(file: Path, focal_px: float | None = None) -> Scene:
                 focal = focal_px or header.focal_px
                 if focal is None:
                     raise FieldError("focal length", "--focal PX, at the size of the images, or EXIF", Unquoted("none"))
-                if not any(pose[3:]):
-                    raise FieldError("quaternion", "not all zero", pose[3:])
+                expect(any(pose[3:]), "quaternion", "not all zero", pose[3:])
                 size = (header.width, header.height)
                 lens = pinhole_camera(size, (focal, focal), (size[0] / 2, size[1] / 2), {})
                 views.append(
                     posed_view(image.name, lens, Rotation.from_quat(pose[3:]).as_matrix().T, np.array(pose[:3]))
                 )
         cloud = file.with_suffix(".ply")
-        if not is_file(cloud):
-            raise FieldError("cloud", f"{cloud.name} next to it", Unquoted("none"))
+        expect(is_file(cloud), "cloud", f"{cloud.name} next to it", Unquoted("none"))
     dense, warnings = read_dense_cloud(cloud, len(views))
     return Scene(file.parent, "network", tuple(views), np.empty((0, 3)), dense, warnings, file.parent)

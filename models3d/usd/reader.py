@@ -20,8 +20,6 @@ MAX_LAYERS = 500
 #: Maximum number of prims after composition: 2 GB and a minute. Files of a few lines that refer to each other twice
 #: double the number with each file.
 MAX_COMPOSED_PRIMS = 1_000_000
-#: Maximum number of prims of an object whose names are read.
-MAX_PRIMS = 200_000
 #: Convert an error of the library; Tf.ErrorException is not a Python exception class.
 _usd_errors = partial(damage_as_field_error, "a readable USD file", found=lambda error: " ".join(str(error).split()))
 
@@ -126,9 +124,7 @@ def _bodies(stage: Any, unit_m: float) -> Iterator[AssetBody]:
         if box.IsEmpty():
             continue
         texts: list[NameText] = []
-        for index, prim in enumerate(Usd.PrimRange(root)):
-            if index > MAX_PRIMS:
-                break
+        for prim in Usd.PrimRange(root):
             texts += _labels(prim)
             texts.append(NameText("material" if prim.GetTypeName() == "Material" else "node", prim.GetName()))
         corners = np.array(box.GetMin()), np.array(box.GetMax())

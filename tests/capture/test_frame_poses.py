@@ -125,8 +125,8 @@ def test_a_reconstructed_frame_with_pixels_outside_the_lens_model_is_written(tmp
         ("none", np.eye(3), np.zeros(3), "do not fit the origin"),
         ("model", None, None, "do not fit the origin"),
         ("model", np.eye(3), None, "do not fit the origin"),
-        ("model", np.eye(4), np.zeros(3), r"expected \(3, 3\) and \(3,\)"),
-        ("model", np.eye(3), np.zeros(4), r"expected \(3, 3\) and \(3,\)"),
+        ("model", np.eye(4), np.zeros(3), "do not fit the origin"),
+        ("model", np.eye(3), np.zeros(4), "do not fit the origin"),
     ],
 )
 def test_a_pose_fits_its_origin(origin: Any, rotation: Any, translation: Any, message: str | None) -> None:

@@ -16,10 +16,11 @@ import pytest
 from pycocotools import mask as coco
 
 from estimator.instances.instance_reader import read_instance_files
+from estimator.instances.mask_decoding import box_mask, decode_segmentation
 from estimator.instances.yolo import yolo_names
 from estimator.reconstructions.scene_reader import read_scene
 from estimator.records.scene import Instance, Scene
-from metric_base.errors import InputError
+from metric_base.errors import FieldError, InputError
 from tests.synthetic.small_scene import write_small_scene
 
 Masks = list[tuple[Instance, np.ndarray[Any, np.dtype[np.bool_]]]]
@@ -408,3 +409,81 @@ def test_arrays_of_masks_have_their_shapes(arrays: dict[str, Any], message: str,
     np.savez(tmp_path / f"{Path(view.name).stem}.npz", **(masks | arrays))
     with pytest.raises(InputError, match=message):
         read_instance_files(scene, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("segment", "annotation", "found"),
+    [
+        ({}, {}, [1.0]),
+        ({"score": 0.5}, {}, [0.5]),
+        ({"score": 2}, {}, [1.0]),
+        ({"score": "high"}, {}, [1.0]),
+        ({"category_id": 9}, {}, []),
+        ({"iscrowd": 1}, {}, []),
+        ({"id": 2}, {}, []),
+        ({"category_id": 8}, {}, "category_id: expected a category of the file"),
+        ({"category_id": [7]}, {}, "category_id: expected a category of the file"),
+        ({}, {"file_name": "../a.png"}, "file_name: expected the name of a PNG"),
+        ({}, {"file_name": 3}, "file_name: expected the name of a PNG"),
+        ({}, {"file_name": "b.png"}, r"file_name: expected masks/b\.png in its folder"),
+        ({}, {"file_name": "grey.png"}, "channels: expected 3"),
+        ({}, {"image_id": 5, "file_name": None}, "image_id: expected an image of the file"),
+    ],
+)
+def test_segments_of_a_panoptic_file(
+    segment: dict[str, Any], annotation: dict[str, Any], found: list[float] | str, scene: Scene, tmp_path: Path
+) -> None:
+    """Segment 1 is a chair; category 9 is no thing, and no pixel has the number 2."""
+    view = scene.views[0]
+    colours = np.zeros((view.camera.height, view.camera.width, 3), dtype=np.uint8)
+    colours[10:40, 10:30, 2] = 1  # red, in OpenCV's order
+    cv2.imwrite(str(tmp_path / "a.png"), colours)
+    cv2.imwrite(str(tmp_path / "grey.png"), colours[..., 2])
+    segments = [{"id": 1, "category_id": 7} | segment]
+    document = {
+        "images": [{"id": 1, "file_name": view.name}],
+        "categories": [{"id": 7, "name": "chair"}, {"id": 9, "name": "wall", "isthing": 0}],
+        "annotations": [{"image_id": 1, "file_name": "a.png", "segments_info": segments} | annotation],
+    }
+    (tmp_path / "masks.json").write_text(json.dumps(document))
+    with nullcontext() if isinstance(found, list) else pytest.raises(InputError, match=found):
+        instances, _ = read_instance_files(scene, tmp_path / "masks.json")
+        assert [instance.score for instance in instances] == found
+        assert all(instance.mask.sum() == 600 for instance in instances)
+
+
+@pytest.mark.parametrize(
+    ("size", "counts", "message"),
+    [
+        ([2, 3], [1, 5], None),
+        ([2, 3], "15", None),
+        ([0, 3], [1, 5], "size: expected two whole numbers"),
+        ([2, 3.0], [1, 5], "size: expected two whole numbers"),
+        ([2, True], [1, 5], "size: expected two whole numbers"),
+        ([2, 3, 1], [1, 5], "size: expected two whole numbers"),
+        ([2, 3], [1, 4], "runs that add up to 2 x 3 pixels"),
+        ([2, 3], [-1, 7], "runs that add up"),
+        ([2, 3], [1.5, 4.5], "whole numbers or COCO's compressed text"),
+        ([2, 3], [3e8, 6], "whole numbers or COCO's compressed text"),
+        ([2, 3], [[1, 5]], "whole numbers or COCO's compressed text"),
+        ([2, 3], "", "COCO's compressed run lengths"),
+        ([2, 3], "1/", "COCO's compressed run lengths"),
+        ([2, 3], "1p", "COCO's compressed run lengths"),
+        ([2, 3], "1Q", "COCO's compressed run lengths"),
+        ([2, 3], "1PPPPP1", "runs that add up"),
+        ([2, 3], "1PPPPPP1", "numbers of at most 6 characters"),
+    ],
+)
+def test_run_lengths_fill_an_image(size: object, counts: object, message: str | None) -> None:
+    """Characters from `0` to `o` have six bits; from `P` on, the number continues."""
+    with nullcontext() if message is None else pytest.raises(FieldError, match=message):
+        assert decode_segmentation({"size": size, "counts": counts}, (1, 1)).sum() == 5
+
+
+@pytest.mark.parametrize(
+    "box", [[1, 2, 0, 3], [1, 2, 3, -1], [1, 2, 3], [1, 2, 3, "4"], [1, 2, 3, True], [1, 2, 3, float("nan")], None]
+)
+def test_a_box_has_four_numbers_and_an_area(box: object) -> None:
+    assert box_mask([1, 2, 3, 2], (9, 9)).sum() == 6
+    with pytest.raises(FieldError, match="x, y and a positive width and height"):
+        box_mask(box, (9, 9))

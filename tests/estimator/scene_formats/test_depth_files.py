@@ -91,8 +91,8 @@ def test_the_depth_is_in_the_channel_of_its_name_or_in_the_only_one(
     [
         (b"Pf\n4 3\n-1.0\n", "<f4", None),
         (b"Pf\n4 3\n1.0\n", ">f4", None),
-        (b"PF\n4 1\n-1.0\n", "<f4", "Pf, one channel"),
-        (b"Pf\n0 3\n-1.0\n", "<f4", "Pf, one channel"),
+        (b"PF\n4 1\n-1.0\n", "<f4", "PFM of one channel"),
+        (b"Pf\n0 3\n-1.0\n", "<f4", "PFM of one channel"),
         (b"Pf\n4 4\n-1.0\n", "<f4", "PFM of one channel"),
         (b"Pf\n4\n", "<f4", "PFM of one channel"),
     ],

@@ -113,10 +113,10 @@ def run_all(commands: dict[str, list[str]], n_processes: int) -> int:
     finally:
         pool.shutdown(wait=False, cancel_futures=True)  # after an interrupt, no further part is started
     print("\n".join(sorted(skipped)))
-    sums = ", ".join(f"{number} {word}" for word, number in sorted(total.items()))
-    print(f"{sums} in {time.monotonic() - start:.0f} s")
     for name in failed:
         print(f"FAILED {name}")
+    sums = ", ".join(f"{number} {word}" for word, number in sorted(total.items()))
+    print(f"===== {sums} in {time.monotonic() - start:.2f}s =====")  # the form of pytest's last line
     return 1 if failed else 0
 
 

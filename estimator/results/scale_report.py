@@ -110,9 +110,7 @@ def build_result(
         if evidence.matches[name].prior is not None:
             continue
         message = evidence.matches[name].reason or ""
-        if message.startswith(f"{name!r}: "):
-            message = f"category {message}"
-        elif repr(name) not in message:
+        if repr(name) not in message:
             short = name if len(name) <= MAX_NAME_CHARS else f"{name[:MAX_NAME_CHARS]}..."
             message = f"category {short!r}: {message}"
         warnings.append(message)

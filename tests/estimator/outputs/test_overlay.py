@@ -132,3 +132,15 @@ def test_an_unreadable_picture_is_one_line_and_leaves_nothing(folder: Path, tmp_
     with pytest.raises(InputError, match=f"{picture.name}: image: expected an image that OpenCV reads"):
         write_overlays(drawn_estimate(scene), tmp_path / "overlay")
     assert [path.name for path in tmp_path.iterdir()] == ["scene"]
+
+
+def test_an_unknown_size_has_no_label_and_an_unresolved_one_no_interval(estimate: SceneEstimate) -> None:
+    assert estimate.measurements is not None
+    item, report = estimate.measurements.objects[0], estimate.result.objects[0]
+    unknown = replace(item, extents=np.array([1.0, np.nan, 2.0]))
+    assert [label.axis for label in dimension_labels(unknown, report, estimate.result, {})] == [0, 2]
+    unresolved = replace(estimate.result, scale=None, interval=None)
+    assert len(dimension_labels(item, report, unresolved, {})) == 3
+    assert dimension_labels(item, report, replace(unresolved, modes=()), {}) == ()
+    with pytest.raises(ValueError, match="a resolved result"):
+        size_interval(1.0, 0.1, unresolved)

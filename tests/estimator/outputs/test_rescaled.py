@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -181,3 +182,25 @@ def test_a_scene_of_another_program_becomes_a_colmap_model(small: Path, tmp_path
         np.testing.assert_allclose(other.centre, view.centre * SCALE, atol=1e-9)
         np.testing.assert_array_equal(other.point_index, view.point_index)
     pycolmap.Reconstruction(str(tmp_path / "metric"))
+
+
+def test_a_scene_without_files_is_not_rescaled(small: Path, tmp_path: Path) -> None:
+    scene = replace(read_scene(small / "colmap"), model_path=None)
+    with pytest.raises(InputError, match="model: expected a scene that was read from files"):
+        write_rescaled(scene, SCALE, tmp_path / "metric")
+    assert not (tmp_path / "metric").exists()
+
+
+def test_lengths_of_an_opensfm_model_are_rescaled_if_they_are_there(small: Path, tmp_path: Path) -> None:
+    shutil.copytree(small / "opensfm", tmp_path / "opensfm")
+    file = tmp_path / "opensfm" / "reconstruction.json"
+    (document,) = json.loads(file.read_text(encoding="utf-8"))
+    next(iter(document["shots"].values()))["vertices"] = [[1, 2, 3]]
+    document["rig_instances"] = {"a": {"translation": [1, 2, 4]}, "b": {"rotation": [1, 2, 4]}, "c": 3}
+    document["rig_cameras"] = 3
+    file.write_text(json.dumps([document]), encoding="utf-8")
+    write_rescaled(read_scene(tmp_path / "opensfm"), 2.0, tmp_path / "metric")
+    (scaled,) = json.loads((tmp_path / "metric" / "reconstruction.json").read_text(encoding="utf-8"))
+    assert next(iter(scaled["shots"].values()))["vertices"] == [[2, 4, 6]]
+    assert scaled["rig_instances"] == {"a": {"translation": [2, 4, 8]}, "b": {"rotation": [1, 2, 4]}, "c": 3}
+    assert scaled["rig_cameras"] == 3

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import struct
+from contextlib import nullcontext
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pycolmap
 import pytest
 
 from estimator.projection.cameras import CAMERA_MODELS, project
-from estimator.reconstructions.colmap import colmap_folder, read_colmap
+from estimator.reconstructions.colmap import colmap_folder, read_colmap, scene_of_reconstruction
 from estimator.reconstructions.scene_reader import read_scene
 from estimator.records.scene import Scene
 from metric_base.errors import InputError
@@ -136,3 +138,39 @@ def test_a_quaternion_has_a_length_of_one_to_a_hundredth(length: float, is_valid
     else:
         with pytest.raises(InputError, match="a quaternion of length 1"):
             read_colmap(tmp_path)
+
+
+CAMERA = struct.pack("<IiQQ4d", 1, 1, 640, 480, 500.0, 500.0, 320.0, 240.0)
+IMAGE = struct.pack("<I7dI", 1, 1, 0, 0, 0, 0, 0, 0, 1) + b"a.png\0" + struct.pack("<Q", 0)
+POINT = struct.pack("<Q3d3BdQ", 1, 0.0, 0.0, 5.0, 9, 9, 9, 0.5, 0)
+
+
+@pytest.mark.parametrize(
+    ("cameras", "points", "message"),
+    [
+        ([CAMERA], [POINT], None),
+        ([CAMERA, CAMERA], [POINT], "camera id: expected each one once, found 1 twice"),
+        ([CAMERA[:4] + b"\x63" + CAMERA[5:]], [POINT], "camera 1 model: expected 0 to 16, found 99"),
+        ([CAMERA], [POINT[:-8] + struct.pack("<Q", 5)], "a track that ends 40 bytes beyond it"),
+        ([CAMERA], [POINT, POINT], "point id: expected each one once"),
+    ],
+)
+def test_records_of_a_binary_model(
+    cameras: list[bytes], points: list[bytes], message: str | None, tmp_path: Path
+) -> None:
+    for name, records in (("cameras", cameras), ("images", [IMAGE]), ("points3D", points)):
+        (tmp_path / f"{name}.bin").write_bytes(struct.pack("<Q", len(records)) + b"".join(records))
+    with nullcontext() if message is None else pytest.raises(InputError, match=message):
+        assert read_colmap(tmp_path).points.tolist() == [[0, 0, 5]]
+
+
+@pytest.mark.parametrize(("x", "is_valid"), [(0.9e12, True), (-1.1e12, False), (np.nan, False)])
+def test_points_of_a_reconstruction_in_memory_are_finite(x: float, is_valid: bool) -> None:
+    model = SimpleNamespace(
+        reg_image_ids=lambda: [1],
+        points3D={1: SimpleNamespace(xyz=[x, 0.0, 5.0])},
+        cameras={},
+        images={1: SimpleNamespace(cam_from_world=pycolmap.Rigid3d, points2D=[], name="a", camera_id=1)},
+    )
+    with pytest.raises(KeyError if is_valid else InputError, match="1" if is_valid else "points: expected finite"):
+        scene_of_reconstruction(model)  # a valid point is followed by the search for the camera

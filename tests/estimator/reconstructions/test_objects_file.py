@@ -99,6 +99,7 @@ def test_width_longer_than_length_is_exchanged(tmp_path: Path) -> None:
         (_document(CAR | {"dimensions": {"height": "1"}}), "expected a positive number"),
         (_document(CAR | {"dimensions": {"height": True}}), "expected a positive number"),
         (_document(CAR | {"dimensions": {"height": 10**400}}), "expected a positive number"),
+        (_document(CAR | {"sigma": {"height": math.nan}}), "sigma.height: expected a positive number"),
         (_document(CAR | {"dimensions": [1, 2, 3]}), "dimensions: expected an object"),
         (_document(CAR | {"score": 1.5}), "score: expected a number from 0 to 1"),
         (_document(CAR | {"truncated": "length"}), "truncated: expected an array"),

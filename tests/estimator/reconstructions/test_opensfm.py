@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from estimator.projection.cameras import project
+from estimator.reconstructions.opensfm import read_observations
 from estimator.reconstructions.scene_reader import read_scene
 from metric_base.errors import InputError
 from tests.synthetic.small_scene import write_small_scene
@@ -152,3 +154,24 @@ def test_projections_that_are_not_read(kind: object, tmp_path: Path) -> None:
     camera = {"projection_type": kind, "width": 640, "height": 480, "focal": 0.9}
     with pytest.raises(InputError, match="projection_type"):
         read_scene(dataset(tmp_path, camera, [[0.0, 0.0, 1.0]]))
+
+
+@pytest.mark.parametrize(
+    ("width", "message"), [(640, None), (640.0, None), (640.5, "width"), ("640", "width"), (True, "width")]
+)
+def test_the_width_of_an_image_is_a_whole_number(width: object, message: str | None, tmp_path: Path) -> None:
+    camera = {"projection_type": "perspective", "width": width, "height": 480, "focal": 0.8, "k1": 0.0, "k2": 0.0}
+    folder = dataset(tmp_path / "a", camera, [[0.0, 0.0, 5.0 + row] for row in range(4)])
+    with (
+        nullcontext()
+        if message is None
+        else pytest.raises(InputError, match="width: expected a whole number of pixels")
+    ):
+        assert read_scene(folder).views[0].camera.width == 640
+
+
+@pytest.mark.parametrize("text", ["OPENSFM_TRACKS_VERSION_v2\n", "OPENSFM_TRACKS_VERSION_v2\n\n"])
+def test_tracks_have_a_line_after_their_version(text: str, tmp_path: Path) -> None:
+    (tmp_path / "tracks.csv").write_text(text)
+    with pytest.raises(InputError, match="observations: expected at least one line"):
+        read_observations(tmp_path / "tracks.csv", ["a.jpg"], ["0"])

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from estimator.scene_formats.depth_files import map_stack, read_depth
 from metric_base.errors import InputError
@@ -101,3 +102,32 @@ def test_a_float_map_has_its_size_and_byte_order(head: bytes, order: str, messag
     (tmp_path / "a.pfm").write_bytes(head + DEPTH[::-1].astype(order).tobytes())
     with nullcontext() if message is None else pytest.raises(InputError, match=message):
         assert np.array_equal(read_depth(tmp_path / "a.pfm"), DEPTH)
+
+
+@pytest.mark.parametrize(
+    ("arrays", "message"),
+    [
+        ({"depth": DEPTH}, None),
+        ({"other": DEPTH}, None),
+        ({"depth": np.stack([DEPTH, DEPTH])}, r"shape: expected \(h, w\), one channel"),
+        ({"a": DEPTH, "b": DEPTH}, "archive: expected a NumPy archive with one of .*found arrays a, b"),
+    ],
+)
+def test_an_archive_names_its_depth_or_has_one_array(
+    arrays: dict[str, NDArray[np.float64]], message: str | None, tmp_path: Path
+) -> None:
+    np.savez(tmp_path / "a.npz", **arrays)
+    with nullcontext() if message is None else pytest.raises(InputError, match=message):
+        assert np.array_equal(read_depth(tmp_path / "a.npz"), DEPTH)
+
+
+@pytest.mark.parametrize(("size", "is_refused"), [(1 << 30, False), ((1 << 30) + 1, True)])
+def test_an_archive_of_more_than_a_gibibyte_is_no_depth_map(size: int, is_refused: bool, tmp_path: Path) -> None:
+    """The size is that of the directory of the archive."""
+    np.savez(tmp_path / "a.npz", depth=DEPTH)
+    data = bytearray((tmp_path / "a.npz").read_bytes())
+    entry = data.index(b"PK\x01\x02")
+    data[entry + 24 : entry + 28] = size.to_bytes(4, "little")
+    (tmp_path / "a.npz").write_bytes(data)
+    with pytest.raises(InputError, match="more than any depth map") if is_refused else nullcontext():
+        assert np.array_equal(read_depth(tmp_path / "a.npz"), DEPTH)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from contextlib import nullcontext, suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +16,9 @@ from estimator.projection.cameras import project
 from estimator.reconstructions.scene_reader import read_scene
 from estimator.records.scene import Scene
 from estimator.scene_formats.common import brown_camera, pinhole_camera, posed_view
+from estimator.scene_formats.meshroom import read_meshroom
+from estimator.scene_formats.metashape import read_metashape
+from estimator.scene_formats.nerfstudio import read_nerfstudio, read_normalisation
 from metric_base.errors import FieldError, InputError
 from tests.synthetic.exports import EXPORTS, OBSERVED, largest_difference, write_export, write_points
 from tests.synthetic.small_scene import small_model
@@ -288,3 +292,147 @@ def test_a_mirrored_camera_is_refused(determinant: float, is_valid: bool) -> Non
     camera = pinhole_camera((640, 480), (500.0, 500.0), (320.0, 240.0), {})
     with nullcontext() if is_valid else pytest.raises(FieldError, match="rotation"):
         posed_view("a", camera, np.diag([1.0, 1.0, determinant]), np.zeros(3))
+
+
+ANGLE_X, ANGLE_Y = 2 * np.arctan(320 / 500), 2 * np.arctan(240 / 600)
+POSE = np.eye(4).tolist()
+
+
+@pytest.mark.parametrize(
+    ("entry", "camera"),
+    [
+        ({"fl_x": 500}, ("PINHOLE", 500, 500)),
+        ({"fl_y": 500}, ("PINHOLE", 500, 500)),
+        ({"fl_x": 500, "fl_y": 600}, ("PINHOLE", 500, 600)),
+        ({"camera_angle_x": ANGLE_X}, ("PINHOLE", 500, 500)),
+        ({"camera_angle_x": ANGLE_X, "camera_angle_y": ANGLE_Y}, ("PINHOLE", 500, 600)),
+        ({"fl_x": 500, "k1": 0.1}, ("OPENCV", 500, 500)),
+        ({"fl_x": 500, "is_fisheye": True}, ("OPENCV_FISHEYE", 500, 500)),
+        ({"fl_x": 500, "camera_model": "OPENCV_FISHEYE"}, ("OPENCV_FISHEYE", 500, 500)),
+        ({"fl_x": 500, "camera_model": "EQUIRECTANGULAR"}, "camera_model: expected OPENCV, OPENCV_FISHEYE or PINHOLE"),
+        ({"camera_angle_y": ANGLE_Y}, "fl_x: expected a focal length, or camera_angle_x"),
+        ({"fl_x": 500, "applied_transform": POSE[:3]}, ("PINHOLE", 500, 500)),
+        ({"fl_x": 500, "applied_transform": np.eye(3, 4)[[1, 2, 0]].tolist()}, ("PINHOLE", 500, 500)),
+        ({"fl_x": 500, "applied_transform": (2 * np.eye(3, 4)).tolist()}, "applied_transform: expected a rotation"),
+    ],
+)
+def test_cameras_of_nerfstudio(entry: dict[str, Any], camera: tuple[str, int, int] | str, tmp_path: Path) -> None:
+    document = {"w": 640, "h": 480, "frames": [{"file_path": "a.png", "transform_matrix": POSE}]} | entry
+    (tmp_path / "transforms.json").write_text(json.dumps(document))
+    with nullcontext() if isinstance(camera, tuple) else pytest.raises(InputError, match=camera):
+        (view,) = read_nerfstudio(tmp_path / "transforms.json").views
+        assert (view.camera.model, *view.camera.params[:4]) == pytest.approx((*camera, 320, 240))
+
+
+@pytest.mark.parametrize(
+    ("position", "is_valid"), [((0.9e12, 0, 0), True), ((1.1e12, 0, 0), False), ((0, 0, -1.1e12), False)]
+)
+def test_a_camera_has_a_finite_position(position: tuple[float, ...], is_valid: bool) -> None:
+    camera = pinhole_camera((640, 480), (500, 500), (320, 240), {})
+    with nullcontext() if is_valid else pytest.raises(FieldError, match="pose: expected finite numbers below 1e"):
+        posed_view("a", camera, np.eye(3), np.array(position))
+
+
+@pytest.mark.parametrize("value", [2.1, -2.1, np.nan, np.inf])
+def test_a_rotation_of_large_numbers_is_none(value: float) -> None:
+    with pytest.raises(FieldError, match="pose: expected finite numbers below 1e"):
+        posed_view("a", pinhole_camera((640, 480), (500, 500), (320, 240), {}), np.diag([1, 1, value]), np.zeros(3))
+
+
+@pytest.mark.parametrize(
+    ("scale", "factor", "is_valid"), [(2.0, 1, True), (0.0, 1, False), (-1.0, 1, False), (1.0, 2, False)]
+)
+def test_a_normalisation_is_a_similarity(scale: float, factor: float, is_valid: bool, tmp_path: Path) -> None:
+    file = tmp_path / "dataparser_transforms.json"
+    file.write_text(json.dumps({"scale": scale, "transform": (factor * np.eye(3, 4)).tolist()}))
+    with nullcontext() if is_valid else pytest.raises(InputError, match="transform: expected a rotation and a shift"):
+        assert read_normalisation(file)[0] == scale
+
+
+SENSOR = """<sensor id="0" type="frame"><resolution width="640" height="480"/>
+<calibration class="adjusted"><f>500</f><b2>0</b2></calibration></sensor>"""
+COMPONENT = """<transform><rotation>0 -1 0 1 0 0 0 0 1</rotation><translation>10 0 0</translation>
+<scale>2</scale></transform>"""
+
+
+def _metashape(folder: Path, before: str = "", after: str = "") -> Any:
+    """Read an export of one camera at (1, 2, 3) of its component, with a part of the text exchanged."""
+    text = f"""<document><chunk><sensors>{SENSOR}</sensors>
+    <components><component id="0">{COMPONENT}</component></components>
+    <cameras><camera label="a.png" sensor_id="0" component_id="0">
+    <transform>1 0 0 1 0 1 0 2 0 0 1 3 0 0 0 1</transform></camera></cameras></chunk></document>"""
+    assert before in text
+    (folder / "a.xml").write_text(text.replace(before, after))
+    return read_metashape(folder / "a.xml")
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "centre"),
+    [
+        ("", "", (6, 2, 6)),
+        ("<rotation>0 -1 0 1 0 0 0 0 1</rotation>", "", (12, 4, 6)),
+        ("<translation>10 0 0</translation>", "", (-4, 2, 6)),
+        ("<scale>2</scale>", "", (8, 1, 3)),
+        (COMPONENT, "", (1, 2, 3)),
+    ],
+)
+def test_a_component_of_metashape_has_a_transform(
+    before: str, after: str, centre: tuple[float, ...], tmp_path: Path
+) -> None:
+    (view,) = _metashape(tmp_path, before, after).views
+    assert view.centre == pytest.approx(centre)
+    assert (view.camera.model, *view.camera.params) == ("PINHOLE", 500, 500, 320, 240)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "message"),
+    [
+        ('type="frame"', 'type="fisheye"', None),
+        ('type="frame"', 'type="equidistant_fisheye"', None),
+        ('type="frame"', 'type="spherical"', "sensor type: expected frame"),
+        ('sensor_id="0"', 'sensor_id="9"', "sensor_id: expected a sensor of the file"),
+        ('<resolution width="640" height="480"/>', "", "sensor: expected a resolution and an adjusted calibration"),
+        ("<f>500</f>", "", "sensor: expected a resolution and an adjusted calibration"),
+        ('width="640"', 'width="wide"', "resolution: expected whole numbers of pixels"),
+        ("<b2>0</b2>", "<b2>0.49</b2>", None),
+        ("<b2>0</b2>", "<b2>0.51</b2>", "b2: expected a skew under 0.001"),
+        ("<b2>0</b2>", "<b2>-0.51</b2>", "b2: expected a skew under 0.001"),
+        ("<scale>2</scale>", "<scale>0</scale>", "transform: expected a rotation, a scale above 0"),
+    ],
+)
+def test_a_sensor_of_metashape(before: str, after: str, message: str | None, tmp_path: Path) -> None:
+    with nullcontext() if message is None else pytest.raises(InputError, match=message):
+        (view,) = _metashape(tmp_path, before, after).views
+        assert view.camera.model == ("OPENCV_FISHEYE" if "fisheye" in after else "PINHOLE")
+
+
+def test_an_export_of_metashape_has_a_chunk(tmp_path: Path) -> None:
+    (tmp_path / "a.xml").write_text("<document/>")
+    with pytest.raises(InputError, match="document: expected a chunk with cameras"):
+        read_metashape(tmp_path / "a.xml")
+
+
+@pytest.mark.parametrize(
+    ("intrinsic", "focal"),
+    [
+        ({"pxFocalLength": 500}, (500, 500)),
+        ({"pxFocalLength": [500, 600]}, (500, 600)),
+        ({"focalLength": 25, "sensorWidth": 32}, (500, 500)),
+        ({"focalLength": 25, "sensorWidth": 32, "pixelRatio": 1.2}, (500, 600)),
+    ],
+)
+def test_focal_lengths_of_meshroom(intrinsic: dict[str, Any], focal: tuple[int, int], tmp_path: Path) -> None:
+    """An observation of a view without a pose is ignored."""
+    pose = {"transform": {"rotation": np.eye(3).ravel().tolist(), "center": [0, 0, 0]}}
+    seen = [{"observationId": view, "x": [3, 4]} for view in ("1", "2")]
+    document = {
+        "version": ["1", "2", "1"],
+        "intrinsics": [{"intrinsicId": "7", "width": 640, "height": 480} | intrinsic],
+        "poses": [{"poseId": "1", "pose": pose}],
+        "views": [{"viewId": name, "poseId": name, "intrinsicId": "7", "path": f"/{name}.png"} for name in ("1", "2")],
+        "structure": [{"X": [0, 0, 5], "observations": seen}],
+    }
+    (tmp_path / "cameras.sfm").write_text(json.dumps(document))
+    (view,) = read_meshroom(tmp_path / "cameras.sfm").views
+    assert view.camera.params == pytest.approx([*focal, 320, 240])
+    assert (view.keypoints.tolist(), view.point_index.tolist()) == ([[3, 4]], [0])

@@ -265,3 +265,35 @@ def test_streams_are_read_in_up_to_eight_other_keys(depth: int, is_read: bool) -
     for _ in range(depth):
         data = gpmf_key("DEVC", "", data)
     assert bool(len(gpmf_telemetry([Packet(0.0, 1.0, data)]).specific_force)) == is_read
+
+
+@pytest.mark.parametrize(("kinds", "n_readings"), [(b"sss", 2), (b"sxs", 0), (b"ssl", 0), (b"", 0)])
+def test_readings_of_several_types_have_the_types_of_their_stream(kinds: bytes, n_readings: int) -> None:
+    """Two readings of three numbers of 16 bits; `x` is no type, and `l` has 32 bits."""
+    readings = gpmf_key("ACCL", "?", b"".join(int(value).to_bytes(2, "big") for value in range(6)))
+    readings = readings[:5] + bytes([6]) + (2).to_bytes(2, "big") + readings[8:]
+    stream = gpmf_stream([gpmf_key("TYPE", "c", kinds), readings])
+    assert len(gpmf_telemetry([Packet(0.0, 1.0, stream)]).specific_force) == n_readings
+
+
+@pytest.mark.parametrize(
+    ("text", "positions"),
+    [
+        ("[latitude: 47.5] [longitude: 8.5] [altitude: 400]", [[47.5, 8.5, 400]]),
+        ("[latitude: 47.5] [longtitude: 8.5] [abs_alt: 410 altitude: 400]", [[47.5, 8.5, 410]]),
+        ("[latitude: 47.5] [longitude: 8.5]", [[47.5, 8.5, 0]]),
+        ("[latitude: 47.5]", None),
+        ("[longitude: 8.5]", None),
+        ("[latitude: 0] [longitude: 0]", None),
+        ("[latitude: 0] [longitude: 8.5]", [[0, 8.5, 0]]),
+    ],
+)
+def test_a_subtitle_has_a_latitude_and_a_longitude(text: str, positions: list[list[float]] | None) -> None:
+    found = subtitle_positions(f"1\n00:00:01,000 --> 00:00:02,000\n{text}\n")
+    assert (None if found is None else found.positions.tolist()) == positions
+
+
+@pytest.mark.parametrize("name", ["a.mp4", "a.srt", "a.csv", "a.json"])
+def test_a_recording_is_a_file(name: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="file: expected a video or a log, found no such file"):
+        read_telemetry(tmp_path / name)

@@ -18,8 +18,8 @@ from metric_base.arrays import grouped
 from metric_base.errors import InputError
 from metric_base.executors import executor_of
 from metric_base.files import whole_folder
-from metric_base.images import read_picture, write_picture
-from metric_tree.training.annotations import AnnotatedImage, AnnotatedObject, BadAnnotations, run_lengths
+from metric_base.images import checked_picture, write_picture
+from metric_tree.training.annotations import AnnotatedImage, AnnotatedObject, run_lengths
 from metric_tree.training.classes import Classes
 from metric_tree.training.composition import Cutout, Image, compose, random_background
 
@@ -190,9 +190,7 @@ def synthetic_entry(
 def random_window(files: Sequence[Path], size: tuple[int, int], generator: np.random.Generator) -> Image:
     """Return a random part of a random image, resized to the given (height, width)."""
     file = files[int(generator.integers(len(files)))]
-    pixels = read_picture(file, cv2.IMREAD_COLOR)
-    if pixels is None:
-        raise BadAnnotations.at(file, "background", "a picture", "something else")
+    pixels = checked_picture(file, cv2.IMREAD_COLOR)
     height, width = size
     factor = generator.uniform(0.6, 1.0) * min(pixels.shape[0] / height, pixels.shape[1] / width)
     h, w = max(int(height * factor), 1), max(int(width * factor), 1)

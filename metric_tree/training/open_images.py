@@ -13,7 +13,9 @@ from pathlib import Path
 
 import cv2
 
-from metric_base.images import image_size, read_picture
+from metric_base.arrays import grouped
+from metric_base.images import checked_picture, image_size
+from metric_base.parsing import table_rows
 from metric_tree.training.annotations import AnnotatedImage, AnnotatedObject, BadAnnotations, run_lengths
 
 #: Label lists of the names.
@@ -52,9 +54,7 @@ def open_images_images(folder: Path) -> Iterator[AnnotatedImage]:
         for mask_name, label in masks[image_id]:
             if label not in names or mask_name not in files:
                 continue
-            mask = read_picture(files[mask_name], cv2.IMREAD_GRAYSCALE)
-            if mask is None:
-                raise BadAnnotations.at(files[mask_name], "mask", "a picture", "something else")
+            mask = checked_picture(files[mask_name], cv2.IMREAD_GRAYSCALE)
             if mask.shape != (height, width):
                 mask = cv2.resize(mask, (width, height), interpolation=cv2.INTER_NEAREST)
             if mask.any():
@@ -70,18 +70,11 @@ def masks_by_image(folder: Path) -> dict[str, list[tuple[str, str]]]:
     BadAnnotations
         There is no table of masks, or a table lacks a column.
     """
-    masks: dict[str, list[tuple[str, str]]] = {}
     tables = _files(folder, TABLES)
     if not tables:
         raise BadAnnotations.at(folder, "masks", " or ".join(TABLES), "none")
-    for file in tables:
-        with file.open(encoding="utf-8", newline="") as lines:
-            reader = csv.DictReader(lines)
-            if not set(_COLUMNS) <= set(reader.fieldnames or ()):
-                raise BadAnnotations.at(file, "columns", ", ".join(_COLUMNS), ", ".join(reader.fieldnames or ()))
-            for row in reader:
-                masks.setdefault(row["ImageID"], []).append((row["MaskPath"], row["LabelName"]))
-    return masks
+    rows = (row for file in tables for _, row in table_rows(file, _COLUMNS, BadAnnotations))
+    return grouped((row["ImageID"], (row["MaskPath"], row["LabelName"])) for row in rows)
 
 
 def _files(folder: Path, patterns: tuple[str, ...]) -> list[Path]:

@@ -13,7 +13,6 @@ share) and N the noise of the measurement. E is the expectation over objects of 
 
 from __future__ import annotations
 
-import csv
 import math
 from collections import defaultdict
 from collections.abc import Sequence
@@ -259,15 +258,12 @@ def named_nodes(tree: Tree, categories: str | None) -> list[Node]:
         return chosen
     if not categories.endswith(".csv"):
         return [tree.find(name.strip()) for name in categories.split(",")]
-    with Path(categories).open(encoding="utf-8", newline="") as lines:
-        reader = csv.DictReader(lines)
-        rows = [(reader.line_num, row) for row in reader]
-    if not rows or "node" not in rows[0][1]:
-        raise InputError(f"{categories}: columns: expected node, as `metric-tree select --out` writes it; found none")
     nodes = []
-    for line, row in rows:
+    for place, row in table_rows(Path(categories), ("node",)):
         try:
             nodes.append(tree.node(row["node"]))
         except InputError as error:
-            raise InputError(f"{categories}:{line}: {error}") from None
+            raise InputError(f"{place}: {error}") from None
+    if not nodes:
+        raise InputError(f"{categories}: expected rows, as `metric-tree select --out` writes them; found none")
     return nodes

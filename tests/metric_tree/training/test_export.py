@@ -11,17 +11,21 @@ import numpy as np
 import pytest
 from pycocotools.coco import COCO
 
+from metric_base.errors import InputError
 from metric_cli.subcommands import main
 from metric_tree.training.classes import Classes
 from metric_tree.training.composition import (
     Cutout,
     Layer,
     compose,
+    cutout_pixels,
     cutouts_of,
     place_cutouts,
     random_background,
     shown_sizes,
 )
+from metric_tree.training.dataset import random_window
+from metric_tree.training.selection import named_nodes
 from metric_tree.tree import Tree
 from tests.metric_tree.training.conftest import CUTOUTS, EACH, export
 
@@ -185,3 +189,55 @@ def test_a_pixel_of_a_cut_out_is_opaque_from_half_the_range(alpha: int, area: in
     pixels = np.full((2, 3, 4), alpha, dtype=np.uint8)
     cutout = Cutout("1", "chair.n.01", 1, Path("a.png"), None, "height", (900.0,))
     assert Layer(cutout, 900.0, pixels, 0, 0, 0.0).area == area
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("name\nmouse\n", "header: expected columns node, found no node"),
+        ("node\n", "expected rows, as `metric-tree select --out` writes them; found none"),
+        ("node\nmouse.n.04\nmous.n.09\n", r"chosen\.csv:3: mous\.n\.09: no node has this id"),
+    ],
+)
+def test_a_file_of_categories_has_rows_of_nodes(tree: Tree, tmp_path: Path, text: str, message: str) -> None:
+    (file := tmp_path / "chosen.csv").write_text(text)
+    with pytest.raises(InputError, match=message):
+        named_nodes(tree, str(file))
+    file.write_text("node\nmouse.n.04\n")
+    assert named_nodes(tree, str(file)) == named_nodes(tree, " computer mouse ") == [tree.node("mouse.n.04")]
+
+
+@pytest.mark.parametrize(("height", "width"), [(480, 640), (100, 100)])
+def test_a_background_is_a_window_of_an_image_of_at_least_three_fifths(height: int, width: int, tmp_path: Path) -> None:
+    rows, columns = np.mgrid[:height, :width]
+    image = np.dstack([rows * 255 // height, columns * 255 // width, rows * 0]).astype(np.uint8)
+    cv2.imwrite(str(tmp_path / "a.png"), image)
+    for seed in range(5):
+        window = random_window([tmp_path / "a.png"], (48, 64), np.random.default_rng(seed)).astype(int)
+        assert window.shape == (48, 64, 3)
+        span = min(height / 48, width / 64)
+        for channel, side, axis in ((0, height, 48), (1, width, 64)):
+            assert 0.55 * 255 * span * axis / side <= np.ptp(window[..., channel]) <= 1.01 * 255 * span * axis / side
+    (tmp_path / "b.png").write_bytes(b"x")
+    with pytest.raises(InputError, match=r"b\.png: image: expected an image"):
+        random_window([tmp_path / "b.png"], (48, 64), np.random.default_rng(0))
+
+
+@pytest.mark.parametrize(("side", "expected"), [(640, 640), (641, 640), (800, 640), (100, 100)])
+def test_a_cut_out_in_memory_has_at_most_640_pixels(side: int, expected: int, tmp_path: Path) -> None:
+    pixels = np.zeros((side + 20, 90, 4), dtype=np.uint8)
+    pixels[10:-10, 10:-10] = 255
+    cv2.imwrite(str(tmp_path / "a.png"), pixels)
+    cutout = Cutout("1", "chair.n.01", 1, tmp_path / "a.png", None, "longest", (900.0,))
+    read, longest = cutout_pixels(cutout)
+    assert (longest, max(read.shape)) == (expected, expected)
+    assert read.shape[1] == round(70 * expected / side)
+
+
+def test_a_cut_out_without_an_opaque_pixel_is_an_error(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "a.png"), np.full((9, 9, 4), 127, dtype=np.uint8))
+    with pytest.raises(InputError, match="cut-out: expected an opaque pixel; found none"):
+        cutout_pixels(Cutout("1", "chair.n.01", 1, tmp_path / "a.png", None, "height", (900.0,)))
+    cv2.imwrite(str(tmp_path / "b.png"), np.full((9, 9, 3), 127, dtype=np.uint8))
+    with pytest.raises(InputError, match="cut-out: expected an RGBA picture of 8 bits"):
+        cutout_pixels(Cutout("1", "chair.n.01", 1, tmp_path / "b.png", None, "height", (900.0,)))

@@ -150,9 +150,9 @@ def test_masks_of_open_images_without_a_name_or_a_file_are_skipped(tmp_path: Pat
         (
             "train-annotations-object-segmentation.csv",
             "MaskPath,ImageID",
-            "columns: expected MaskPath",
+            "header: expected columns MaskPath, ImageID, LabelName; found no LabelName",
         ),
-        ("masks/00a1b2c3d4e5f607_m01mzpv_aa.png", "no picture", "mask: expected a picture"),
+        ("masks/00a1b2c3d4e5f607_m01mzpv_aa.png", "no picture", "image: expected an image that OpenCV reads"),
     ],
 )
 def test_what_open_images_lacks_is_one_line(tmp_path: Path, file: str, content: str | None, message: str) -> None:

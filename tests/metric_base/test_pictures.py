@@ -17,7 +17,7 @@ from PIL import Image
 
 from estimator.evidence.markers import refined_marker_corners
 from metric_base.errors import InputError
-from metric_base.images import ImageHeader, checked_picture, decode_picture, image_size, read_picture
+from metric_base.images import ImageHeader, checked_picture, decode_picture, image_header, image_size, read_picture
 
 
 def bomb(width: int, height: int) -> bytes:
@@ -106,3 +106,9 @@ def test_the_size_of_what_is_no_image_is_an_error(tmp_path: Path) -> None:
     for read in (image_size, lambda path: checked_picture(path, cv2.IMREAD_COLOR)):
         with pytest.raises(InputError, match=r"b\.png: image: expected an image .*, found something else"):
             read(tmp_path / "b.png")
+
+
+@pytest.mark.parametrize(("height", "is_read"), [(1 << 14, True), ((1 << 14) + 1, False)])
+def test_an_image_has_at_most_268_million_pixels(height: int, is_read: bool, tmp_path: Path) -> None:
+    (tmp_path / "a.png").write_bytes(bomb(1 << 14, height))
+    assert (image_header(tmp_path / "a.png") is not None) == is_read

@@ -2,6 +2,8 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -169,3 +171,11 @@ def test_sizes_have_units_from_two_centimetres_and_one_metre_and_four_digits_if_
 )
 def test_axis_unit_and_digits_of_a_sentence(sizes: list[float], spread: float, text: str) -> None:
     assert text in everyday_sentence("thing", synthetic_prior("thing", [sizes], spread, shared=1e-6))
+
+
+@pytest.mark.parametrize(("n", "end"), [(8, "c6, c7."), (9, "c6, c7 and 1 more.")])
+def test_a_mixed_node_names_at_most_eight_children(n: int, end: str) -> None:
+    children = tuple(SimpleNamespace(name=f"c{k} (x)", n_items=9 - k) for k in range(n))
+    wide = synthetic_prior("a", [[600.0, 500.0, 900.0]], spread=1.0)
+    node: Any = SimpleNamespace(children=children)
+    assert node_sentence(node, "vehicle", wide).endswith(f"ask for one of c0, c1, c2, c3, c4, c5, {end}")

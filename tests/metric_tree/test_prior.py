@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from metric_base.errors import InputError
+from metric_tree.context import Context, ContextModel, Effect, Where
 from metric_tree.prior import Prior, UnknownDimension, has_distinct_components
 from metric_tree.tree import Tree
 from tests.synthetic import minitree
@@ -189,3 +190,21 @@ def test_a_mean_is_at_most_23_in_logarithms_of_millimetres(log_mm: float, is_val
     means[0, 0] = log_mm
     with nullcontext() if is_valid else pytest.raises(InputError, match="means"):
         assert Prior.of_row(prior.row() | {"means": means.tolist()}).means[0, 0] == log_mm
+
+
+@pytest.mark.parametrize(("offset", "note"), [(0.0045, "length unchanged"), (0.0056, "length +0.6%")])
+def test_a_note_reports_changes_from_half_a_per_cent(offset: float, note: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    effect = Effect(np.full(1, offset), np.ones(1))
+    monkeypatch.setattr("metric_tree.context.context_effect", lambda *_: effect)
+    one = Context("a", "DE", 2011.0, np.zeros(1), np.ones(1))
+    prior = replace(random_prior(1).marginal(("length",)), contexts=(one,))
+    there = prior.in_context(Where("DE", 2011.0), ContextModel(0.2, 0.1, 0.1, 0.5, 12.0))
+    assert there.note == f"DE, 2011: {note} against the plain prior"
+    elsewhere = prior.in_context(Where("JP", None), ContextModel(0.2, 0.1, 0.1, 0.5, 12.0))
+    assert elsewhere.note == "JP: nothing known, so that the plain prior holds; known: DE, 2011"
+
+
+def test_a_row_whose_arrays_are_none_is_one_line() -> None:
+    for change in ({"means": [[1.0], [2.0, 3.0]]}, {"share_by_kind": None}):
+        with pytest.raises(InputError, match=r"chair\.n\.01: prior: expected arrays of numbers; found "):
+            Prior.of_row(random_prior(1).row() | change)

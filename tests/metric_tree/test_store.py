@@ -1,12 +1,19 @@
 from __future__ import annotations
 
 import json
+from contextlib import nullcontext
 from pathlib import Path
+from typing import Any
 
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
+from crawler.fetch.item_images import SCHEMA as PICTURE
+from metric_base.errors import FieldError
 from metric_tree.release import schema
-from metric_tree.release.release import MANIFEST, BadRelease, open_release
+from metric_tree.release.images import check_image_record
+from metric_tree.release.release import MANIFEST, BadRelease, Release, open_release, sha256
 from metric_tree.tree import open_tree
 from tests.synthetic import minitree
 
@@ -120,3 +127,58 @@ def test_a_table_altered_at_equal_size_is_noticed(tmp_path):
         open_release(release.directory).table("priors")
     with pytest.raises(BadRelease, match="altered"):
         release.table("priors")
+
+
+@pytest.mark.parametrize(("n", "is_read"), [(10_000_000, True), (10_000_001, False)])
+def test_a_table_has_at_most_ten_million_rows(n: int, is_read: bool, tmp_path: Path) -> None:
+    path = tmp_path / "nodes.parquet"
+    pq.write_table(pa.table({"node_id": pa.nulls(n, pa.int8())}), path)
+    release = Release(tmp_path, {"files": {path.name: {"sha256": sha256(path)}}})
+    with nullcontext() if is_read else pytest.raises(BadRelease, match="rows: expected at most 10,000,000"):
+        assert release.unchecked_table("nodes").num_rows == n
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (
+            lambda table: table.set_column(0, "node_id", table["name"].cast(pa.large_string())),
+            "node_id: expected string",
+        ),
+        (lambda table: table.set_column(0, "node_id", pa.nulls(table.num_rows, pa.string())), "found .* without"),
+        (lambda table: table.drop_columns(["level"]), "level: expected the column; found none"),
+    ],
+)
+def test_a_table_of_another_form_is_one_line(change: Any, message: str, tmp_path: Path) -> None:
+    release = minitree.release(tmp_path / "r")
+    path = release.directory / "items.parquet" if "level" not in message else release.directory / "nodes.parquet"
+    table = pq.read_table(path)
+    position = table.schema.get_field_index("node_id")
+    table = table.select(["node_id", *(name for name in table.column_names if name != "node_id")])
+    table = table.append_column("name", table["node_id"]) if "name" not in table.column_names else table
+    assert position >= 0
+    pq.write_table(change(table), path)
+    release.manifest["files"][path.name] |= {"sha256": sha256(path)}
+    with pytest.raises(BadRelease, match=message):
+        release.table(path.stem)
+    with pytest.raises(BadRelease, match=message):
+        release.table(path.stem, {"swivel_chair.n.01"})
+
+
+def test_a_manifest_without_a_table_is_one_line(tmp_path: Path) -> None:
+    release = minitree.release(tmp_path / "r")
+    path = release.directory / "manifest.json"
+    manifest = json.loads(path.read_text())
+    for entry in (None, {}, 3):
+        manifest["files"]["items.parquet"] = entry
+        path.write_text(json.dumps(manifest))
+        with pytest.raises(BadRelease, match=r"files: expected an entry for items\.parquet; found"):
+            open_release(release.directory)
+
+
+@pytest.mark.parametrize(("pixels", "is_valid"), [((1 << 20) - 1, True), (1 << 20, False), (0, False), (None, False)])
+def test_the_record_of_an_image_has_a_size(pixels: int | None, is_valid: bool) -> None:
+    name = "ab" + "0" * 62
+    record = {"schema": PICTURE, "image_id": name, "item_id": "a:1", "source_url": "u", "path": f"ab/{name}.jpg"}
+    with nullcontext() if is_valid else pytest.raises(FieldError, match="width_px: expected pixels"):
+        check_image_record(record | {"width_px": pixels, "height_px": 5})

@@ -8,7 +8,7 @@ import pytest
 import metric_tree
 from metric_tree.axes import AXES, EXTENTS
 from metric_tree.curated.sizes import norms
-from metric_tree.variants import BadVariant, quantity_in, stated_size_rules, variants
+from metric_tree.variants import BadVariant, Variant, quantity_in, stated_size_rules, variants
 from taxonomy.label_lists import vocabularies, vocabulary
 
 HEADER = (
@@ -173,3 +173,10 @@ def test_rules_state_axes_that_their_node_has(tree):
         dims = tree.node(rule.node_id).dims
         axes = {part.split()[0] for part in rule.axes.split("; ")}
         assert dims[0] == EXTENTS[0] or axes <= set(dims), rule
+
+
+@pytest.mark.parametrize(("tolerance", "sd"), [(1.0, 0.001), (1.645, 0.001), (3.29, 0.002)])
+def test_a_variant_has_a_standard_deviation_of_at_least_a_thousandth(tolerance: float, sd: float) -> None:
+    texts = dict.fromkeys(("node_id", "name", "document", "clause", "source"), "a")
+    one = Variant(**texts, written="2026-01-01", length_mm=1000.0, length_tolerance_mm=tolerance)
+    assert one.stated.sizes == {"length": (1000.0, pytest.approx(sd))}

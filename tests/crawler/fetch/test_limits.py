@@ -191,3 +191,12 @@ def test_a_record_has_a_maximum_number_of_values() -> None:
     assert len(table_files.flat([0] * MAX_LEAVES)) == MAX_LEAVES
     with pytest.raises(ValueError, match="a record of more than 100,000 values"):
         table_files.flat([0] * (MAX_LEAVES + 1))
+
+
+@pytest.mark.parametrize(("size", "refusal"), [(20_000_000, "no_picture"), (20_000_001, "too_many_bytes")])
+def test_an_image_has_at_most_20_megabytes(size: int, refusal: str) -> None:
+    class Long(bytes):
+        def __len__(self) -> int:
+            return size
+
+    assert item_images.decode_picture(Long(b"no picture")) == refusal

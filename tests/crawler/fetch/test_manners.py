@@ -70,3 +70,40 @@ def test_headers_without_end_end_the_connection(lines: int) -> None:
     connection.dataReceived(b"content-length: 0\r\n\r\n")
     assert many or answers[0].code == 200
     assert "HeaderLimitHandler" in crawl_settings(contact="tests@example.org")["DOWNLOAD_HANDLERS"]["https"]
+
+
+@pytest.mark.parametrize(("end", "is_read"), [(ROBOTS_BYTES, True), (ROBOTS_BYTES + 1, False)])
+def test_the_last_rule_within_500_kibibytes_is_read(end: int, is_read: bool) -> None:
+    crawler: Any = SimpleNamespace(spider=None)
+    rules, last = b"User-agent: *\nDisallow: /private\n", b"Disallow: /last\n"
+    rules += b"#" + b"x" * (end - len(rules) - len(last) - 2) + b"\n" + last
+    assert len(rules) == end
+    parser = BoundedRobotParser.from_crawler(crawler, rules + b"Disallow: /never\n")
+    assert parser.allowed("https://shop.example/last", "metric-tree") != is_read
+    assert parser.allowed("https://shop.example/never", "metric-tree")
+
+
+@pytest.mark.parametrize(("size", "is_read"), [(HEADER_BYTES, True), (HEADER_BYTES + 1, False)])
+def test_headers_before_the_last_piece_have_at_most_256_kibibytes(size: int, is_read: bool) -> None:
+    connection = HeaderLimitFactory(lambda _: None, "test").buildProtocol(None)
+    transport = StringTransport()
+    connection.makeConnection(transport)
+    connection.request(Request(b"GET", b"/", Headers({b"host": [b"shop.example"]}), None)).addBoth(lambda _: None)
+    start = b"HTTP/1.1 200 OK\r\n"
+    lines = b"x: y\r\n" * 2000
+    connection.dataReceived(start)
+    count = len(start)
+    while count < size:
+        piece = lines[: min(len(lines), size - count)]
+        connection.dataReceived(piece)
+        count += len(piece)
+    connection.dataReceived(b"y\r\n")
+    assert (transport.disconnecting or transport.disconnected) != is_read
+
+
+def test_the_limits_of_a_crawl() -> None:
+    settings = crawl_settings(contact="tests@example.org", delay=0.0)
+    limits = ("DEPTH_LIMIT", "DOWNLOAD_TIMEOUT", "DOWNLOAD_MAXSIZE", "URLLENGTH_LIMIT", "RETRY_TIMES")
+    assert [settings[name] for name in limits] == [120, 30, 32_000_000, 2000, 3]
+    assert (settings["AUTOTHROTTLE_ENABLED"], settings["CONCURRENT_REQUESTS_PER_DOMAIN"]) == (False, 16)
+    assert crawl_settings(contact="tests@example.org", delay=0.1)["CONCURRENT_REQUESTS_PER_DOMAIN"] == 4

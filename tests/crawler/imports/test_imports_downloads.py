@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 from crawler.imports import downloads, import_source
-from crawler.imports.declaration import Source, source
+from crawler.imports.declaration import Source, SourceFile, source
 from crawler.imports.downloads import NoInput, download
 
 TABLE = b"no,w\n1,12.5\n2,40\n"
@@ -185,3 +185,20 @@ def test_an_archive_beyond_its_budget_is_not_unpacked(
         download(table)
     monkeypatch.setattr(downloads, limit, value + 1)
     assert (download(table) / "table.csv").read_bytes() == TABLE
+
+
+@pytest.mark.parametrize(("size", "is_read"), [(1 << 30, True), ((1 << 30) + 1, False)])
+def test_a_file_of_an_archive_has_at_most_a_gibibyte(
+    size: int, is_read: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "a.zip").write_bytes(zipped({"list.csv": TABLE}))
+    members = zipfile.ZipFile.infolist
+
+    def stated(archive: zipfile.ZipFile) -> list[zipfile.ZipInfo]:
+        infos = members(archive)
+        infos[0].file_size = size
+        return infos
+
+    monkeypatch.setattr(zipfile.ZipFile, "infolist", stated)
+    file = SourceFile(path="list.csv", sha256="0" * 64, url="https://example.org/a.zip", form="zip")
+    assert list(downloads._contents(file, tmp_path / "a.zip")) == ([TABLE] if is_read else [])

@@ -179,3 +179,27 @@ def test_no_page_of_an_empty_archive(tmp_path: Path) -> None:
     (tmp_path / "a.nq.gz").write_bytes(b"no gzip")
     with pytest.raises(InputError, match="expected gzip data"):
         list(archived_pages(tmp_path / "a.nq.gz"))
+
+
+@pytest.mark.parametrize(("length", "is_read"), [(1 << 20, True), ((1 << 20) + 2, False)])
+def test_a_line_of_n_quads_has_at_most_a_mebibyte(length: int, is_read: bool, tmp_path: Path) -> None:
+    head, end = '_:n1 <http://schema.org/material> "', '" <https://shop.example/1> .\n'
+    line = head + "x" * (length - len(head) - len(end)) + end
+    (tmp_path / "a.nq").write_text(PRODUCT.format("1", 80, "120 cm", "") + line)
+    (found,) = archived_pages(tmp_path / "a.nq")
+    assert found is not None
+    assert ("material" in found.linked_data[0]) == is_read
+
+
+def test_objects_of_a_product_are_three_deep(tmp_path: Path) -> None:
+    lines = [f"_:n{k} <http://schema.org/p{k}> _:n{k + 1} <https://shop.example/1> .\n" for k in range(2, 6)]
+    kind = "<http://www.w3.org/1999/02/22-rdf-syntax-ns#type> <http://schema.org/Product>"
+    lines += [
+        f"_:n2 {kind} <https://shop.example/1> .\n",
+        '_:n2 <http://schema.org/width> "3 cm" <https://shop.example/1> .\n',
+    ]
+    (tmp_path / "a.nq").write_text("".join(lines) + '_:n6 <http://schema.org/p6> "deep" <https://shop.example/1> .\n')
+    (found,) = archived_pages(tmp_path / "a.nq")
+    assert found is not None
+    (product,) = json.loads(found.linked_data[0])
+    assert product["p2"]["p3"]["p4"]["p5"] == "_:n6"

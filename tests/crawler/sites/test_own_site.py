@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 from collections.abc import Iterator
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,8 @@ import pytest
 import crawler.sites.registry
 from crawler.fetch.frontier import task_key
 from crawler.sites.registry import canonical_url, site_of, use_site
+from crawler.sites.site import Site
+from metric_base.errors import FieldError
 from metric_base.records import BadDeclaration
 from metric_cli.subcommands import main
 from tests.crawler.fetch.test_crawl_errors import ROOT, items, words
@@ -78,3 +81,18 @@ def test_a_crawl_of_a_site_of_ones_own(tmp_path: Path) -> None:
     assert (done.returncode, items(tmp_path / "out")) == (0, 5), done.stderr
     lines = [line for path in (tmp_path / "out").glob("items-*.jsonl") for line in path.read_text().splitlines()]
     assert {json.loads(line)["source"] for line in lines} == {"made"}
+
+
+@pytest.mark.parametrize(
+    ("xpath", "is_valid"),
+    [
+        ("//a" + "a" * 297, True),
+        ("//a" + "a" * 298, False),
+        ("//a" + "[b]" * 5, True),
+        ("//a" + "[b]" * 6, False),
+        ("count(//a)", False),
+    ],
+)
+def test_an_xpath_is_short_and_selects_elements(xpath: str, is_valid: bool) -> None:
+    with nullcontext() if is_valid else pytest.raises(FieldError, match=r"title: expected an? (short )?XPath"):
+        assert Site(name="lamps", hosts=("a",), title=xpath).title == xpath

@@ -15,7 +15,7 @@ import metric_tree
 import metric_tree.cutouts.release_cutouts as module
 from metric_cli.subcommands import main
 from metric_tree.checks.release_files import findings
-from metric_tree.cutouts.backend import Settings
+from metric_tree.cutouts.backend import Guide, Settings
 from metric_tree.cutouts.release_cutouts import TABLE, cut, cut_release
 from metric_tree.release.release import sha256
 from tests.synthetic.hostile_pictures import HOSTILE as MAKERS
@@ -181,3 +181,27 @@ def test_a_transparency_of_one_percent_of_the_pixels_is_a_mask(n_clear: int, met
     rgba = np.array(Image.open(BytesIO(shop_picture(0))).convert("RGBA").resize((100, 100)))
     rgba[..., 3].flat[:n_clear] = 0
     assert cut("x", encoded(Image.fromarray(rgba)), PLAIN).method == method
+
+
+@pytest.mark.parametrize(("side", "width"), [(1500, 1500), (1600, 1600), (1700, 1600)])
+def test_an_image_is_cut_with_at_most_1600_pixels(side: int, width: int) -> None:
+    pixels, alpha = module.upright_pixels(Image.new("RGB", (side, 8)))
+    assert (pixels.shape[1], alpha) == (width, None)
+
+
+def test_a_picture_that_cannot_be_turned_is_unreadable(monkeypatch: pytest.MonkeyPatch) -> None:
+    def failing(_: object) -> None:
+        raise SyntaxError("x" * 100)
+
+    monkeypatch.setattr(module, "upright_pixels", failing)
+    result = cut("x", shop_picture(0), PLAIN)
+    assert (result.set_aside, result.detail) == ("unreadable", "x" * 80)
+
+
+def test_an_edge_without_contrast_is_accepted_if_a_reviewer_drew_it() -> None:
+    body = encoded(Image.new("RGB", (200, 200), (120, 120, 120)))
+    image_id = "0" * 64
+    drawn = Guide(picture=image_id, box=(50.0, 50.0, 100.0, 100.0), reviewer="a")
+    outcomes = [cut(image_id, body, Settings("plain", drawn=guides)).set_aside for guides in ((), (drawn,))]
+    assert outcomes[0] == "empty"
+    assert outcomes[1] in (None, "empty", "full")

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from metric_tree.cutouts.plain import Background, background, difference_mask, shadow_mask
+from metric_tree.cutouts import plain
+from metric_tree.cutouts.plain import Background, background, difference_mask, shadow_mask, with_curved_light
 
 SHAPE = (200, 200)
 GREY = np.array([90.0, 0.0, 0.0])
@@ -80,3 +81,24 @@ def test_the_edge_of_a_shadow_changes_by_5_units_per_pixel(step: float, is_soft:
     depth = np.minimum(np.minimum(np.arange(80) + 1, 80 - np.arange(80)), 7)  # a ramp of seven pixels
     image[60:140, 60:140, 0] -= step * np.minimum(depth[:, None], depth)
     assert bool(shadow_mask(image, lab(), outside)[63, 100]) == is_soft
+
+
+@pytest.mark.parametrize(("n", "is_fitted"), [(99, False), (100, True)])
+def test_the_light_is_fitted_to_at_least_100_pixels_of_the_background(n: int, is_fitted: bool) -> None:
+    image = np.tile(GREY, (20, 20, 1)).astype(np.float32)
+    image[5:] += 50.0
+    image[:5, :] += 1.0
+    image[0, n - 100 :] += 50.0 if n < 100 else 0.0
+    fitted = with_curved_light(image, Background(np.tile(GREY, (20, 20, 1)).astype(np.float32), 0.0, 1.0))
+    assert (abs(float(fitted.lab[2, 2, 0]) - 91.0) < 0.1) == is_fitted
+
+
+def test_the_edge_of_a_large_image_is_that_of_the_image_and_not_of_the_small_copy(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(plain, "COPY_SIDE_PX", 40)
+    picture = np.full((120, 160, 3), 250, np.uint8)
+    picture[31:90, 41:122] = (150, 40, 30)
+    found = plain.Plain().foreground(picture)
+    rows, columns = (np.flatnonzero((found.alpha > 0).any(axis=axis)) for axis in (1, 0))
+    assert (rows[0], rows[-1], columns[0], columns[-1]) == (31, 89, 41, 121)

@@ -59,3 +59,13 @@ def test_a_quality_of_one_half_is_enough(undecided: int, reason: str | None) -> 
     alpha[50 : 50 + undecided, 50:150] = 200
     picture = np.where(alpha[..., None] > 0, 0, 255).astype(np.uint8).repeat(3, axis=2)
     assert assessment(picture, alpha).reason == reason
+
+
+@pytest.mark.parametrize(("rim", "reason"), [(2, None), (3, "doubtful")])
+def test_the_colours_of_three_pixels_on_both_sides_of_the_edge_are_compared(rim: int, reason: str | None) -> None:
+    """The mask has a rim in the colour of the background."""
+    alpha = np.zeros((SIDE, SIDE), dtype=np.uint8)
+    alpha[50:150, 50:150] = 255
+    picture = np.full((SIDE, SIDE, 3), 255, dtype=np.uint8)
+    picture[50 + rim : 150 - rim, 50 + rim : 150 - rim] = 0
+    assert assessment(picture, alpha).reason == reason

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from metric_tree.fit.inner_priors import child_frequencies, inner_priors
 from metric_tree.fit.mixture import Mixture, merge_costs, merged_moments, reduce_mixture
+from tests.synthetic.priors import prior
 
 
 def _mixture(k: int, seed: int = 3) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -58,3 +60,16 @@ def test_a_reduced_mixture_keeps_mean_and_covariance(components: int) -> None:
     before, after = _moments(weights, means, covariances), _moments(reduced.weights, reduced.means, reduced.covariances)
     assert after[0] == pytest.approx(before[0])
     assert after[1] == pytest.approx(before[1])
+
+
+def test_a_tenth_of_the_weight_is_equal_whatever_the_witnesses() -> None:
+    counts = [{f"s{k}": 10_000 for k in range(9)}, {}]
+    assert child_frequencies(counts, dict.fromkeys(counts[0], 1.0)) == pytest.approx([0.95, 0.05], abs=1e-3)
+
+
+@pytest.mark.parametrize(("weight", "dims"), [(0.09, 1), (0.11, 2)])
+def test_an_axis_has_a_prior_of_its_own_if_a_tenth_more_of_the_children_states_it(weight: float, dims: int) -> None:
+    whole = prior("a", [[600.0, 500.0, 900.0]])
+    single = whole.marginal(("height",))
+    found = inner_priors("n", [[whole], [single]], np.array([1 - weight, weight]), whole.dims)
+    assert [one.dims for one in found] == [whole.dims, ("height",)][:dims]

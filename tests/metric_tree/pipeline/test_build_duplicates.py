@@ -8,7 +8,7 @@ from collections import Counter
 import numpy as np
 import pyarrow as pa
 
-from metric_tree.checks.duplicates import duplicates
+from metric_tree.checks.duplicates import duplicates, size_codes
 from metric_tree.pipeline.clean import PACKAGE, clean_shard
 from metric_tree.pipeline.ingest import ROWS
 
@@ -94,3 +94,8 @@ def test_two_of_three_sizes_identify_no_product_of_two_shops():
     assert repeats(("a", *alpha, SIZES), ("b", *alpha, SIZES)) == [-1, 0]
     assert repeats(("a", *alpha, SIZES[:2]), ("b", *alpha, SIZES[:2])) == [-1, -1]
     assert repeats(("a", *alpha, [850.0] * 3), ("b", *alpha, [850.0] * 3)) == [-1, -1]
+
+
+def test_sizes_are_one_number_within_five_hundredths_of_a_per_cent():
+    sizes = np.exp(np.linspace(0.0, 1.0, 20_001))
+    assert len(np.unique(size_codes(sizes[:, None]))) == 2001

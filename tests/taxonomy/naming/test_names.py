@@ -129,3 +129,17 @@ def test_an_id_is_certain_and_a_hypernym_is_the_only_candidate(text: str, how: s
     match = Resolver(chain(4, "bird.n.01")).match(text)
     assert match is not None
     assert (match.node_id, match.how, match.candidates[0].score, match.margin) == ("bird.n.01", how, score, math.inf)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "is_found"), [("zorbs", "zorbt", True), ("zorb", "zorc", False), ("zorbt", "zort", False)]
+)
+def test_a_word_of_five_letters_may_have_one_wrong_letter(name: str, text: str, is_found: bool) -> None:
+    match = Resolver(names_of(("mt:a", name, None, 9, None))).match(text)
+    assert (match is not None and match.how == "misspelt") == is_found
+
+
+@pytest.mark.parametrize(("name", "text", "is_found"), [("zo rbt", "zorbt", True), ("zo rb", "zorb", False)])
+def test_names_of_five_letters_are_compared_without_spaces(name: str, text: str, is_found: bool) -> None:
+    match = Resolver(names_of(("mt:a", name, None, 9, None))).match(text)
+    assert (match is not None and match.how == "folded") == is_found

@@ -3,6 +3,7 @@ from __future__ import annotations
 import json
 from contextlib import nullcontext
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pyarrow as pa
@@ -130,12 +131,23 @@ def test_a_table_altered_at_equal_size_is_noticed(tmp_path):
 
 
 @pytest.mark.parametrize(("n", "is_read"), [(10_000_000, True), (10_000_001, False)])
-def test_a_table_has_at_most_ten_million_rows(n: int, is_read: bool, tmp_path: Path) -> None:
-    path = tmp_path / "nodes.parquet"
-    pq.write_table(pa.table({"node_id": pa.nulls(n, pa.int8())}), path)
+def test_a_table_has_at_most_ten_million_rows(
+    n: int, is_read: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class File(nullcontext[Any]):
+        metadata, num_row_groups = SimpleNamespace(num_rows=n), 1
+
+        def __init__(self, _: Path) -> None:
+            super().__init__(self)
+
+        def read(self, *_: object, **__: object) -> pa.Table:
+            return pa.table({})
+
+    (path := tmp_path / "nodes.parquet").touch()
+    monkeypatch.setattr(pq, "ParquetFile", File)
     release = Release(tmp_path, {"files": {path.name: {"sha256": sha256(path)}}})
     with nullcontext() if is_read else pytest.raises(BadRelease, match="rows: expected at most 10,000,000"):
-        assert release.unchecked_table("nodes").num_rows == n
+        assert release.unchecked_table("nodes").num_rows == 0
 
 
 @pytest.mark.parametrize(
@@ -161,8 +173,9 @@ def test_a_table_of_another_form_is_one_line(change: Any, message: str, tmp_path
     release.manifest["files"][path.name] |= {"sha256": sha256(path)}
     with pytest.raises(BadRelease, match=message):
         release.table(path.stem)
-    with pytest.raises(BadRelease, match=message):
-        release.table(path.stem, {"swivel_chair.n.01"})
+    if "without" not in message:
+        with pytest.raises(BadRelease, match=message):
+            release.table(path.stem, {"swivel_chair.n.01"})
 
 
 def test_a_manifest_without_a_table_is_one_line(tmp_path: Path) -> None:

@@ -139,9 +139,6 @@ class KnownContexts(NamedTuple):
     regions: tuple[str, ...] = ()
     years: tuple[int, ...] = ()
 
-    def __bool__(self) -> bool:
-        return bool(self.regions or self.years)
-
     def __str__(self) -> str:
         first, last = (self.years[0], self.years[-1]) if self.years else (0, 0)
         years = f"{first}" if first == last else f"years from {first} to {last}"

@@ -45,9 +45,6 @@ class Classes:
         self._nodes_of_labels: dict[tuple[tuple[str, ...], tuple[str, ...]], Node | None] = {}
         self.ambiguous: Counter[str] = Counter()
 
-    def __len__(self) -> int:
-        return len(self.nodes)
-
     def of_node(self, node: Node) -> int | None:
         """Return the class of a node or of its nearest chosen ancestor, or None."""
         return next((self._ids[one.node_id] for one in (node, *node.ancestors()) if one.node_id in self._ids), None)

@@ -6,6 +6,7 @@ import os
 import stat
 import threading
 import unicodedata
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
@@ -254,3 +255,30 @@ def test_a_folder_that_cannot_be_replaced_stays(tmp_path: Path, monkeypatch: pyt
         pass
     set_rules([], overwrite=False)
     assert [path.relative_to(tmp_path).as_posix() for path in sorted(tmp_path.rglob("*"))] == ["out", "out/old.png"]
+
+
+@pytest.mark.parametrize(
+    ("source", "out", "is_read"),
+    [
+        ("model", "model/points.ply", True),
+        ("model", "model/notes.md", False),
+        ("model", "model/images/a.xyz", True),
+        ("flat", "flat/a.xyz", True),
+        ("model", "other/points.ply", False),
+        ("model/cameras.bin", "model/points.ply", True),
+        ("model/points.ply", "model/notes.md", False),
+        ("model/a.gltf", "model/a.xyz", True),
+        ("model/a.gltf", "model/b.xyz", False),
+    ],
+)
+def test_what_a_reader_may_open_is_not_replaced(tmp_path: Path, source: str, out: str, is_read: bool) -> None:
+    for name in ("model/points.ply", "model/notes.md", "model/images/a.xyz", "flat/a.xyz", "other/points.ply"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text("x")
+    for name in ("model/cameras.bin", "model/a.xyz", "model/b.xyz"):
+        (tmp_path / name).write_text("x")
+    (tmp_path / "model/a.gltf").write_text('{"buffers": [{"uri": "a.xyz"}, {"uri": "data:b.xyz"}, {"uri": 3}]}')
+    set_rules([tmp_path / source], overwrite=True)
+    with pytest.raises(InputError, match="is read in this run") if is_read else nullcontext():
+        check_output(tmp_path / out, "--out")
+    set_rules([], overwrite=False)

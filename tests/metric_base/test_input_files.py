@@ -126,3 +126,21 @@ def test_a_folder_that_is_missing_or_a_file(tmp_path: Path) -> None:
     for name in ("a", "missing"):
         with pytest.raises(InputError, match=f"{name}: folder: expected a readable folder, found N"):
             folder_entries(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[" * 100_000, "JSON: expected a document of ordinary depth, found endless nesting"),
+        ("9" * 5000, "JSON: expected a valid document, found "),
+        ('"\\ud800"', "JSON: expected whole characters, found half of a surrogate pair"),
+        ("{", "JSON: expected "),
+        ("", "file: expected some content, found zero bytes"),
+    ],
+)
+def test_a_text_that_is_no_json_document(text: str, message: str, tmp_path: Path) -> None:
+    (path := tmp_path / "a.json").write_text(text)
+    with pytest.raises(InputError, match=message):
+        read_json(path)
+    path.write_text('["\\ud83d\\ude00"]')
+    assert read_json(path) == ["\N{GRINNING FACE}"]

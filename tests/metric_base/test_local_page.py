@@ -84,3 +84,18 @@ def test_a_request_has_at_most_a_megabyte(length: str, status: int) -> None:
     page.end_if_last()
     page.thread.join(120)
     assert not page.thread.is_alive()
+
+
+def test_a_page_is_found_below_its_secret_path_only() -> None:
+    page = _Form()
+    page.thread.start()
+    url = urlsplit(page.url)
+    statuses = []
+    for path in (url.path, f"{url.path}none", "/other/"):
+        connection = http.client.HTTPConnection(str(url.hostname), url.port, timeout=120)
+        connection.request("GET", path)
+        statuses.append(connection.getresponse().status)
+    assert statuses == [200, 404, 404]
+    page.finish()
+    page.end_if_last()
+    page.thread.join(120)

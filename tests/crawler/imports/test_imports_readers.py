@@ -176,3 +176,36 @@ def test_a_file_that_differs_from_the_declared_one_is_named_if_it_exists(tmp_pat
     file.write_text("other")
     assert list(changed_files(declared, tmp_path)) == [file]
     assert list(changed_files(declared, file)) == [file]
+
+
+@pytest.mark.parametrize(
+    ("fields", "reason"),
+    [
+        ({"ObjectName": "chess set", "Dimensions": "H: 3 in. (7.6 cm)"}, "set_of_objects"),
+        ({"ObjectName": "fragment", "Dimensions": "H: 3 in. (7.6 cm)"}, "part_not_whole"),
+        ({"Dimensions": "3 x 4 x 5 x 6 cm"}, "several_states"),
+        ({"Dimensions": " ; "}, "no_size"),
+        ({"Dimensions": "unknown"}, "unreadable"),
+        ({"Dimensions": "base: 3 cm"}, "part_not_whole"),
+        ({"ObjectName": "", "Dimensions": "3 cm"}, "no_category"),
+    ],
+)
+def test_an_object_of_the_museum_without_a_size_of_its_own(tmp_path: Path, fields: dict[str, str], reason: str) -> None:
+    assert [row.reason for row in walters(tmp_path, fields).rejected] == [reason]
+
+
+def test_a_rule_applies_to_listed_texts_and_to_numbers(tmp_path: Path) -> None:
+    (tmp_path / "listed.txt").write_text("A\n\nB\n")
+    declaration = TABLE.format(format="csv") + (
+        'title = "{name}"\nreject = [{ column = "name", listed = "listed.txt", outcome = "not_an_object" },'
+        ' { column = "n", below = 3, outcome = "miniature" }, { column = "n", above = 9, outcome = "miniature" }]\n'
+    )
+    rows = "name,n,h\nA,5,1\nB,5,2\nC,5,3\nD,2,4\nE,3,5\nF,9,6\nG,10,7\nH,x,8\n,5,9\n"
+    result = made_up(tmp_path, declaration, table_csv=rows)
+    assert [item.title for item in result.items] == ["C", "E", "F", "H", ""]
+    assert [row.reason for row in result.rejected] == ["not_an_object"] * 2 + ["miniature"] * 2
+
+
+def test_lines_before_the_header_are_skipped(tmp_path: Path) -> None:
+    result = made_up(tmp_path, TABLE.format(format="csv") + "skip_lines = 2\n", table_csv="a\nb\nh\n3\n ,\n4\n")
+    assert [item.extents_mm for item in result.items] == [(30,), (40,)]

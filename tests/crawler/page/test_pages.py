@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from crawler.items import RawItem
-from crawler.page.page import BadPage, page, saved_page
+from crawler.page.page import BadPage, other_content, page, saved_page
 from crawler.page.urls import canonical_url
 from crawler.sites.registry import SITES, item_of, site_of
 from crawler.sites.site import Site
@@ -308,3 +308,22 @@ def test_a_title_of_megabytes_or_with_controls_is_cut_and_cleaned() -> None:
 def test_a_size_under_the_heading_of_a_part_needs_a_label_of_its_own(heading: str, label: str, is_used: bool) -> None:
     found = item(f"<h1>Bench</h1><h2>{heading}</h2><table><tr><th>{label}</th><td>50 x 40 x 10 cm</td></tr></table>")
     assert found.extents_mm == ((500.0, 400.0, 100.0) if is_used else None)
+
+
+@pytest.mark.parametrize(
+    ("body", "kind"),
+    [
+        (b" \n", "nothing"),
+        (b"%PDF-1.7", "a PDF"),
+        (b"\x00<p>a</p>", "binary data"),
+        (b"a" * 1444 + b"\x00<p>a</p>", "binary data"),
+        (b"a" * 1445 + b"\x00<p>a</p>", None),
+        (b"\xff\xfe<\x00p\x00>\x00", None),
+        (b' {"a": "<p>"}', "JSON"),
+        (b" [1]", "JSON"),
+        (b"just text < more", "no element of HTML"),
+        (b"<TABLE border=1>", None),
+    ],
+)
+def test_the_content_of_a_body_that_is_no_page(body: bytes, kind: str | None) -> None:
+    assert other_content(body) == kind

@@ -6,7 +6,7 @@ import pytest
 
 from crawler.text.cell_lengths import measures
 from crawler.text.sizes import consensus, sizes
-from crawler.text.vocabulary import is_stripped, language_of
+from crawler.text.vocabulary import Language, is_stripped, language_of
 
 
 @pytest.mark.parametrize(
@@ -57,3 +57,18 @@ def test_each_number_has_its_own_axis_and_what_is_no_length_is_left_out(
 def test_a_size_without_feet_is_not_the_whole_size() -> None:
     stripped = [is_stripped(label) for label in ("height without feet", "hohe ohne fuss", "height with feet", "height")]
     assert stripped == [True, True, False, False]
+
+
+@pytest.mark.parametrize(
+    ("text", "language", "mm"),
+    [
+        ("1,234 m", "de", 1234),
+        ("1,234 m", "en", 1234000),
+        ("1.234 mm", "de", 1234),
+        ("1.234 mm", "en", 1.2),
+        ("0.234 m", "de", 234),
+        ("12.3456 mm", "de", 12.3),
+    ],
+)
+def test_points_and_commas_of_three_digits_by_the_language(text: str, language: Language, mm: float) -> None:
+    assert sizes(text, "", language)[0].lengths[0].mm == pytest.approx(mm)

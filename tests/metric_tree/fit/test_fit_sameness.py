@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
 from metric_tree.fit.intraclass_correlation import (
     IntraclassCorrelation,
+    axis_correlation,
     class_correlation,
     shrunk_correlations,
 )
+from metric_tree.pipeline.hierarchy import Hierarchy
+from tests.synthetic.priors import prior
 
 # Published values, written out so that a changed rule fails a test.
 DEFAULT_MEAN = 0.45
@@ -88,3 +94,31 @@ def test_three_classes_determine_their_common_mean() -> None:
     known, default = shrunk_correlations(classes)
     assert (len(known), default.value) == (3, pytest.approx(0.7))
     assert shrunk_correlations({name: classes[name] for name in "ab"}) == ({}, IntraclassCorrelation(DEFAULT_MEAN, 0.2))
+
+
+def test_rooms_without_a_size_or_a_difference_are_no_evidence() -> None:
+    scene = np.repeat(np.arange(9), 2).astype(str)
+    assert axis_correlation(np.full(18, np.nan), scene) is None
+    assert axis_correlation(np.full(18, 6.0), scene) is None
+    assert axis_correlation(np.r_[np.zeros(17), 1e-3], scene) is not None
+
+
+def test_an_inner_node_has_the_correlation_of_its_classes_by_their_items(monkeypatch: pytest.MonkeyPatch) -> None:
+    def category(node_id: str, parent: str | None) -> Any:
+        return SimpleNamespace(node_id=node_id, parent_id=parent)
+
+    categories = [category("r", None), category("k", "r"), category("a", "k"), category("b", "k"), category("c", "r")]
+    known = {"a": IntraclassCorrelation(0.2, 0.1), "b": IntraclassCorrelation(0.6, 0.1)}
+    default = IntraclassCorrelation(0.45, 0.2)
+    monkeypatch.setattr("metric_tree.pipeline.hierarchy.shrunk_correlations", lambda _: (known, default))
+    classes: Any = {
+        node_id: SimpleNamespace(correlation=None, n_by_source={"s": n})
+        for node_id, n in (("a", 30), ("b", 10), ("c", 5))
+    }
+    priors: Any = {one.node_id: [prior(one.node_id, [[1.0, 1.0, 1.0]])] for one in categories}
+    found = Hierarchy.of(categories).with_correlations(priors, classes)
+    sameness = {node_id: (one.sameness, one.sameness_sd) for node_id, (one,) in found.items()}
+    assert sameness["a"] == (0.2, pytest.approx(0.1))
+    assert sameness["c"] == (0.45, 0.2)
+    mean, sd = 0.75 * 0.2 + 0.25 * 0.6, (0.01 + 0.75 * 0.1**2 + 0.25 * 0.3**2) ** 0.5
+    assert sameness["k"] == sameness["r"] == (pytest.approx(mean), pytest.approx(sd))

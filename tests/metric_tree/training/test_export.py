@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import cv2
@@ -13,6 +14,7 @@ from pycocotools.coco import COCO
 
 from metric_base.errors import InputError
 from metric_cli.subcommands import main
+from metric_tree.node import NoPrior
 from metric_tree.training.classes import Classes
 from metric_tree.training.composition import (
     Cutout,
@@ -24,10 +26,11 @@ from metric_tree.training.composition import (
     random_background,
     shown_sizes,
 )
-from metric_tree.training.dataset import random_window
+from metric_tree.training.dataset import Plan, random_window, synthetic_entries
 from metric_tree.training.selection import named_nodes
 from metric_tree.tree import Tree
 from tests.metric_tree.training.conftest import CUTOUTS, EACH, export
+from tests.synthetic.priors import prior
 
 
 def documents(out: Path) -> dict[str, Any]:
@@ -241,3 +244,29 @@ def test_a_cut_out_without_an_opaque_pixel_is_an_error(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "b.png"), np.full((9, 9, 3), 127, dtype=np.uint8))
     with pytest.raises(InputError, match="cut-out: expected an RGBA picture of 8 bits"):
         cutout_pixels(Cutout("1", "chair.n.01", 1, tmp_path / "b.png", None, "height", (900.0,)))
+
+
+def test_all_cut_outs_are_for_training_if_the_other_split_has_them(tmp_path: Path) -> None:
+    """The hash of no item is below a fraction of zero, that of each is below one."""
+    cv2.imwrite(str(tmp_path / "a.png"), np.full((9, 9, 4), 255, dtype=np.uint8))
+    one = Cutout("1", "chair.n.01", 1, tmp_path / "a.png", None, "longest", (900.0,))
+    for fraction in (0.0, 1.0):
+        plan = Plan(pictures=1, size=(64, 48), val_share=fraction)
+        assert [split for split, *_ in synthetic_entries(tmp_path / str(fraction), [one], plan)] == ["train"]
+    assert list(synthetic_entries(tmp_path, [], plan)) == []
+
+
+def test_a_node_without_a_prior_has_that_of_its_ancestor_or_no_size() -> None:
+    def without(_: object = None) -> None:
+        raise NoPrior("none")
+
+    above: Any = SimpleNamespace(prior=lambda: prior("b", [[600.0, 500.0, 900.0]]))
+    node: Any = SimpleNamespace(pose="upright", prior=without, ancestors=lambda: (above,))
+    axis, sizes = shown_sizes({}, node, 0)
+    assert (axis, len(sizes)) == ("height", 16)
+    assert shown_sizes({"length_mm": 3.0, "width_mm": 9.0}, node, 0)[0] == "height"
+    node.pose = "flat"
+    assert shown_sizes({}, node, 0)[0] == "longest"
+    assert shown_sizes({"length_mm": 3.0, "width_mm": 9.0}, node, 0) == ("longest", (9.0,))
+    node.ancestors = lambda: ()
+    assert shown_sizes({"length_mm": 3.0}, node, 0) == ("longest", ())

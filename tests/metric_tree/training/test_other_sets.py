@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,8 +12,10 @@ import pytest
 from pycocotools.coco import COCO
 
 from metric_base.errors import InputError
-from metric_tree.training.ade20k import CLASSES
+from metric_tree.training.ade20k import CLASSES, attribute_image
+from metric_tree.training.annotations import coded_image
 from metric_tree.training.classes import Classes, node_of_label
+from metric_tree.training.coco import coco_images
 from metric_tree.training.open_images import open_images_images
 from metric_tree.tree import Tree, open_tree
 from tests.metric_tree.training.conftest import export
@@ -174,3 +177,44 @@ def test_an_object_of_open_images_needs_a_name_a_mask_and_a_pixel(tmp_path: Path
     assert len(next(open_images_images(tmp_path)).objects) == 1
     masks[1].unlink()
     assert len(next(open_images_images(tmp_path)).objects) == 0
+
+
+@pytest.mark.parametrize(
+    ("pixels", "message"),
+    [
+        (None, "picture: expected three channels of 8 bits; found no picture"),
+        (np.zeros((4, 5), np.uint8), "found shape \\(4, 5\\)"),
+        (np.zeros((4, 5, 4), np.uint8), "found shape \\(4, 5, 4\\)"),
+        (np.zeros((4, 5, 3), np.uint16), "found shape .* uint16"),
+        (np.zeros((5, 4, 3), np.uint8), "size: expected \\(4, 5\\)"),
+    ],
+)
+def test_an_image_of_numbers_has_three_channels_and_the_size(pixels: object, message: str, tmp_path: Path) -> None:
+    (path := tmp_path / "a.png").touch()
+    if isinstance(pixels, np.ndarray):
+        cv2.imwrite(str(path), pixels)
+    with pytest.raises(InputError, match=message):
+        coded_image(path, (4, 5))
+    cv2.imwrite(str(path), np.full((4, 5, 3), (1, 2, 3), np.uint8))
+    assert coded_image(path, (4, 5))[0, 0].tolist() == [3, 2, 1]
+
+
+@pytest.mark.parametrize(
+    "image", [{}, {"id": 1, "file_name": "a.jpg"}, {"file_name": "a.jpg", "width": 1, "height": 1}]
+)
+def test_an_image_of_coco_has_an_id_a_name_and_a_size(tmp_path: Path, image: dict[str, object]) -> None:
+    (file := tmp_path / "a.json").write_text(json.dumps({"images": [image], "annotations": [], "categories": []}))
+    with pytest.raises(InputError, match=r"images\[0\]: expected id, file_name, width and height"):
+        list(coco_images(file, tmp_path))
+
+
+def test_an_empty_line_and_a_line_of_another_form_of_ade20k(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "a_seg.png"), np.full((4, 5, 3), (7, 0, 0), np.uint8))
+    picture_of(tmp_path / "a.jpg", (5, 4))
+    lines = '1 # 0 # 0 # chair, seat # chair # ""\n\n2 # 0 # 0 # cup # cup # ""\n1 # 1 # 0 # leg # leg # ""\n'
+    (file := tmp_path / "a_atr.txt").write_text(lines)
+    assert [one.names for one in attribute_image(file).objects] == [("chair", "seat")]
+    for line in ("1 # 0 # 0 # chair", "x # 0 # 0 # chair # chair # "):
+        file.write_text(line)
+        with pytest.raises(InputError, match="line 1: expected instance # part level"):
+            attribute_image(file)

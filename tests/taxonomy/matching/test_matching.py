@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from crawler.items import RawItem
 from metric_base.folders import taxonomy_directory
+from taxonomy.catalogue import default_catalogue
 from taxonomy.categories import BadInsertion, InsertedCategory, insertions
 from taxonomy.levels import replaced_ids
 from taxonomy.matching.decisions import Decision, decisions
 from taxonomy.matching.lexicon import Lexicon
-from taxonomy.matching.matcher import Matcher, default_matcher, naming_texts
+from taxonomy.matching.matcher import MatchedTaxonomy, Matcher, default_matcher, naming_texts
 from taxonomy.matching.readings import BadReading, Reading, readings
 from taxonomy.matching.reliability import reliabilities
+from taxonomy.matching.sense_choice import DOMAINS
 from taxonomy.wordnet import WordNet
 from taxonomy.words.spelling import fold_text
 
@@ -369,3 +373,15 @@ def test_a_path_is_asked_from_its_end_and_without_its_root() -> None:
     assert naming_texts(reading, ("all", "tables", "desks"), "oak desk") == ("oak desk", "desks", "tables")
     assert naming_texts(reading, ("desks",), "") == ("desks",)
     assert naming_texts(Reading(words="alternatives"), ("all", "cups,mugs"), "x") == ("cups", "mugs")
+
+
+def test_a_text_without_words_and_a_row_of_a_curated_table(matcher: Matcher) -> None:
+    assert matcher.text_finding("\u2122", DOMAINS["objects"]).reason == "no words"
+    item = RawItem(source="norms", source_id="a", kind="norm", synset="chair.n.01", category_path=("no such thing",))
+    taxonomy = MatchedTaxonomy(default_catalogue(), matcher)
+    found = taxonomy.match(item)
+    assert (found.node_id, found.score) == (default_catalogue().leaf_of("chair.n.01"), 1.0)
+    assert taxonomy.match(replace(item, synset="entity.n.01")).reason.endswith(
+        "entity.n.01 has no leaf in the frozen tree"
+    )
+    assert taxonomy.match(replace(item, kind="product", synset=None)).node_id is None

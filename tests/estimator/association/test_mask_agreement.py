@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.sparse import csr_array
 
 from estimator.association.mask_checks import (
     MaskAgreement,
@@ -13,8 +14,9 @@ from estimator.association.mask_checks import (
     track_agreement,
     track_contradictions,
 )
-from estimator.association.point_labels import sparse_labels
+from estimator.association.point_labels import PointLabels, sparse_labels
 from estimator.pipeline import measure_objects
+from estimator.records.scene import Instance
 from tests.synthetic.shapes import box, floor, orbit, synthetic_scene
 
 
@@ -123,3 +125,30 @@ def test_both_sides_of_the_thresholds_of_track_agreement(agreement, fatal):
 def test_both_sides_of_the_thresholds_of_rims(inside, outside, warned):
     """MIN_RIM_AGREEMENT of 0.8, MIN_RIM_RATIO of 1.8."""
     assert bool(rim_warnings((inside, outside))) == warned
+
+
+@pytest.mark.parametrize(
+    ("tracks", "expected"),
+    [
+        ([(30, 0), (30, 0), (18, 8)], 1.0),  # the median of three tracks, the last with 44 pairs
+        ([(30, 0), (30, 0), (14, 8)], 148 / 156),  # the last has 36 pairs: all pairs together
+        ([(30, 0), (10, 40)], 80 / 120),  # two tracks
+        ([(10, 2), (10, 0)], 40 / 42),
+        ([(8, 2), (10, 0)], np.nan),  # 38 pairs
+        ([(30, 30)], np.nan),  # one track
+    ],
+)
+def test_both_sides_of_the_numbers_of_tracks_and_pairs(tracks, expected):
+    """MIN_TRACKS of 3, MIN_TRACK_PAIRS of 40, MIN_POOLED_TRACKS of 2; points in both masks of a track and in one."""
+    n = sum(map(sum, tracks))
+    inside = np.zeros((2 * len(tracks), n))
+    start = 0
+    for track, (both, one) in enumerate(tracks):
+        inside[2 * track, start : start + both + one] = inside[2 * track + 1, start : start + both] = 1
+        start += both + one
+    member, seen = csr_array(inside), csr_array(np.ones((2, n)))
+    labels = PointLabels(np.zeros((n, 3)), np.arange(n), member, seen, seen, member)
+    pixel = np.ones((1, 1), dtype=bool)
+    masks = [Instance(f"{track}{view}", view, "chair", pixel, (0, 0)) for track in range(len(tracks)) for view in (0, 1)]
+    members = [(2 * track, 2 * track + 1) for track in range(len(tracks))]
+    assert track_agreement(labels, masks, members) == pytest.approx(expected, nan_ok=True)

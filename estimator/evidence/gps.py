@@ -200,8 +200,6 @@ def position_evidence(
     if alignment.extent < MIN_EXTENT_RESIDUALS * alignment.residual:
         extent = f"{alignment.extent:.2g} m with an error of {alignment.residual:.2g} m"
         return skipped_evidence(kind, name, f"the path is too short for its positions: {extent}")
-    if 2 * np.count_nonzero(alignment.inliers) <= len(metres):
-        return skipped_evidence(kind, name, "most positions contradict the reconstruction")
     damage = _distortion(alignment, centres, metres, up, accuracy_m)
     if damage is not None:
         cause = "latitude and longitude exchanged, a lost sign, or not in degrees?"

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from capture.dense import fusion
 from capture.dense.fusion import make_dense_cloud
 from capture.dense.plane_filling import fill_planes
 from estimator.reconstructions.ply import read_dense_cloud
@@ -138,3 +140,22 @@ def test_a_plain_surface_between_two_planes_stays_empty() -> None:
     depth[:, 80:] *= 1.5
     swept = _swept(depth, grey)
     np.testing.assert_array_equal(np.isfinite(fill_planes(swept, grey))[30:90, 75:85], False)
+
+
+@pytest.mark.parametrize(("n_views", "n_maps"), [(3, 3), (23, 23), (24, 24), (40, 24)])
+def test_24_views_have_a_depth_map(n_views: int, n_maps: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    camera = Camera("PINHOLE", 8, 6, np.array([6.0, 6.0, 4.0, 3.0]))
+    points = np.array([[0.0, 0, 5], [0.1, 0, 5]])
+    seen = np.arange(2)
+    views = [
+        View(f"{k}", camera, np.eye(3), np.array([0.01 * k, 0, 0]), np.zeros((2, 2)), seen) for k in range(n_views)
+    ]
+    grey = SimpleNamespace(grey=np.zeros((6, 8), dtype=np.float32))
+    monkeypatch.setattr(fusion, "pinhole_view", lambda *_: grey)
+    monkeypatch.setattr(fusion, "swept_depth", lambda *_: np.full((6, 8), np.nan, dtype=np.float32))
+    monkeypatch.setattr(fusion, "fill_planes", lambda depth, _: depth)
+    monkeypatch.setattr(fusion, "_fuse", lambda *_: (np.empty((0, 3)), None, None))
+    done = []
+    scene = Scene(tmp_path, "memory", tuple(views), points)
+    assert make_dense_cloud(scene, tmp_path, tmp_path / "a.ply", lambda count, of: done.append((count, of))) == 0
+    assert done == [(k + 1, n_maps) for k in range(n_maps)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -136,3 +137,20 @@ def test_a_second_part_of_more_than_half_the_first_splits_a_model(second: int, i
     first = tuple("abcdefghij")
     assert TripletAgreement(parts=(first, first[:second])).is_split == is_split
     assert MAX_PART_RATIO * len(first) == 5
+
+
+@pytest.mark.parametrize(
+    ("changes", "fits", "compares"),
+    [
+        ({"residual_px": 2.4}, True, True),  # MAX_RESIDUAL_PX of 2.5
+        ({"residual_px": 2.6}, False, True),
+        ({"stretch": -0.09}, True, True),  # MAX_STRETCH of 0.1
+        ({"stretch": -0.11}, False, True),
+        ({"stretch": 0.11, "noise": 1.0}, False, True),
+        ({"noise": 0.09}, True, True),
+        ({"noise": 0.11}, True, False),
+    ],
+)
+def test_both_sides_of_the_limits_of_a_triplet(changes: dict[str, float], fits: bool, compares: bool) -> None:
+    triplet = replace(Triplet(("a", "b", "c"), 20, 0.5, 0.0, 0.05), **changes)
+    assert (triplet.fits, triplet.compares_size) == (fits, compares)

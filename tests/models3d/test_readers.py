@@ -56,9 +56,9 @@ def _mesh(file: Path, attributes: dict[str, Any] | None = None, nodes: int = 1, 
 
 @pytest.mark.parametrize(("mode", "area"), [(5, 0.0), (6, 1.0)])
 def test_the_triangles_of_a_strip_and_of_a_fan(mode: int, area: float, tmp_path: Path) -> None:
-    """The corners of a square in their order around it: a fan fills it, a strip has two triangles that look opposite ways."""
+    """The corners of a square in their order: a fan fills it, the triangles of a strip look opposite ways."""
     (mesh,) = read_model(_mesh(tmp_path / "a.glb", mode=mode)).meshes
-    first, second, third = (mesh.points[mesh.faces[:, k]] for k in range(3))
+    first, second, third = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
     assert np.linalg.norm(np.cross(second - first, third - first).sum(axis=0)) / 2 == pytest.approx(area)
 
 

@@ -149,6 +149,8 @@ def test_both_sides_of_the_numbers_of_tracks_and_pairs(tracks, expected):
     member, seen = csr_array(inside), csr_array(np.ones((2, n)))
     labels = PointLabels(np.zeros((n, 3)), np.arange(n), member, seen, seen, member)
     pixel = np.ones((1, 1), dtype=bool)
-    masks = [Instance(f"{track}{view}", view, "chair", pixel, (0, 0)) for track in range(len(tracks)) for view in (0, 1)]
+    masks = [
+        Instance(f"{track}{view}", view, "chair", pixel, (0, 0)) for track in range(len(tracks)) for view in (0, 1)
+    ]
     members = [(2 * track, 2 * track + 1) for track in range(len(tracks))]
     assert track_agreement(labels, masks, members) == pytest.approx(expected, nan_ok=True)

@@ -287,3 +287,9 @@ def test_the_baselines_have_no_jacobian(mini: Tree, monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(paper, "_node_mixture", lambda *_: (wide, False))
     by_paper = paper_result([_object("1", "bar stool", (0.5, 0.5, 0.8))], mini, EstimateOptions(method="paper"))
     assert by_paper.modes[0].scale == pytest.approx(1.25, rel=0.01)
+
+
+@pytest.mark.parametrize(("eta", "names"), [(0.71, ("length", "width", "height")), (0.69, ("length", "width"))])
+def test_a_dimension_has_a_confidence_of_70_percent(eta: float, names: tuple[str, ...]) -> None:
+    mixture = PaperMixture(("length", "width", "height"), np.ones(1), np.ones((1, 3)), np.eye(3)[None])
+    assert paper._plausible(_object("a", "desk", (1.0, 0.5, 0.7), (1, 1, eta)), mixture)[0] == names

@@ -14,7 +14,7 @@ from estimator.evidence import markers
 from estimator.evidence.markers import Marker, triangulate
 from estimator.projection.cameras import pixels_in_view
 from estimator.records.objects import Measurements
-from estimator.records.scene import Camera
+from estimator.records.scene import Camera, View
 from metric_base.errors import InputError
 from tests.synthetic.evidence import draw_marker, marker_picture, one
 from tests.synthetic.walk import Walk, synthetic_walk
@@ -111,3 +111,16 @@ def test_a_marker_of_uncertain_size_is_not_used(
     monkeypatch.setattr(markers, "align", uncertain)
     row = one(Marker("DICT_4X4_50", 0.3).observe(walk.scene, nothing))
     assert (row.scale is not None) is is_used
+
+
+@pytest.mark.parametrize(("angle", "is_found"), [(0.0115, True), (0.0085, False)])
+def test_rays_meet_at_an_angle_of_a_hundredth(angle: float, is_found: bool) -> None:
+    """MIN_RAY_ANGLE, in radians, of two cameras that look the same way at a point five units ahead."""
+    camera = Camera("PINHOLE", 640, 480, np.array([600.0, 600.0, 320.0, 240.0]))
+    point = np.array([[0.0, 0, 5]])
+    shifts = [np.zeros(3), np.array([5 * np.tan(angle), 0, 0])]
+    views = [View(f"{k}", camera, np.eye(3), -shift, np.empty((0, 2)), np.empty(0)) for k, shift in enumerate(shifts)]
+    pixels = np.array([pixels_in_view(view, point)[0][0] for view in views])
+    found = triangulate(views, pixels, 0.005)
+    assert (found is not None) == is_found
+    assert found is None or found == pytest.approx(point[0])

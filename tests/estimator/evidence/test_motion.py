@@ -169,3 +169,24 @@ def test_a_logged_path_agrees_if_it_extends_over_three_residuals(walk: Walk, not
         assert agrees == (ratio >= 3)
         nearest[agrees] = min(nearest[agrees], abs(ratio - 3))
     assert max(nearest.values()) < 0.5  # the series comes close to the threshold on both sides
+
+
+@pytest.mark.parametrize(("gap_s", "words"), [(0.95, None), (1.05, "0 positions along the path, 4 needed")])
+def test_positions_between_frames_less_than_a_second_apart_are_used(
+    walk: Walk, nothing: Measurements, gap_s: float, words: str | None
+) -> None:
+    times = np.arange(0, 30, gap_s)
+    centres = np.column_stack([times, np.sin(times), np.cos(times)])
+    positions = Positions(times, 2 * centres, geodetic=False)
+    row = one(VideoGps(positions, CameraPath(times, centres), "clip.csv").observe(walk.scene, nothing))
+    assert row.reason == words
+    assert words or row.scale == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize(("n", "is_used"), [(3, False), (4, True)])
+def test_four_positions_of_a_video_give_a_scale(walk: Walk, nothing: Measurements, n: int, is_used: bool) -> None:
+    times = np.linspace(0, 3, 31)
+    centres = 10 * np.column_stack([times, np.sin(times), np.cos(times)])
+    positions = Positions(times[:: 30 // n][:n], 2 * centres[:: 30 // n][:n], geodetic=False)
+    row = one(VideoGps(positions, CameraPath(times, centres), "clip.csv").observe(walk.scene, nothing))
+    assert (row.scale is not None) == is_used

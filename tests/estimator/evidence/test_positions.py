@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from PIL import Image
 from capture.recorded_sources import recorded_sources
 from estimator.evidence import gps
 from estimator.evidence.alignment import align
-from estimator.evidence.gps import Gps, east_north_up, path_speed, position_evidence
+from estimator.evidence.gps import Gps, east_north_up, path_speed, position_evidence, stretch_ratio, taken_as_metres
 from estimator.evidence.markers import Marker
 from estimator.geometry.vertical import OBSERVED_METHODS
 from estimator.records.objects import MeasuredObject, Measurements, Up
@@ -286,3 +287,89 @@ def test_an_assumption_is_reported_if_no_object_confirms_it(mini: Tree) -> None:
     chair = MeasuredObject("1", "swivel chair", np.array([1.24, 1.20, 2.10]), np.full(3, 0.03))
     confirmed = scale_of_objects([chair], mini, EstimateOptions(evidence=(positions,)))
     assert (confirmed.evidence[0].verdict, confirmed.evidence[0].reason) == ("used", None)
+
+
+@pytest.mark.parametrize(
+    ("position", "is_projected"),
+    [
+        ([9.5e4, 5.0, 0], False),  # MAX_LOCAL_M of 100 km
+        ([1.05e5, 5.0, 0], True),
+        ([5.0, -1.05e5, 0], True),
+        ([5.0, 5.0, 1.05e5], False),  # a height
+        ([2e5, 2.00e7, 0], True),  # the map ends at pi R = 20,037.5 km
+        ([2e5, 2.01e7, 0], False),
+        ([0, 1.009 * 6_378_137, 0], False),  # geocentric within MAX_GEOCENTRIC_DEVIATION of 1 %
+        ([0, 1.011 * 6_378_137, 0], True),
+        ([0, 0.991 * 6_378_137, 0], False),
+        ([0, 0.989 * 6_378_137, 0], True),
+    ],
+)
+def test_which_coordinates_are_those_of_a_map(position: list[float], is_projected: bool) -> None:
+    assert ("Web Mercator" in taken_as_metres([np.array(position, dtype=float)])) == is_projected
+
+
+@pytest.mark.parametrize(("seconds", "speed"), [(0.0, 0.0), (0.9, 0.0), (1.0, 3.0), (1.5, 3.0), (5.0, 3.0)])
+def test_the_speed_of_a_path_is_that_over_a_second(seconds: float, speed: float) -> None:
+    """SPEED_LAG_S: every other position is a metre off, which would be 10 m/s between neighbours."""
+    times = np.arange(round(seconds * 10) + 1) / 10
+    metres = np.column_stack([3 * times, np.arange(len(times)) % 2, 0 * times])
+    assert path_speed(times, metres) == pytest.approx(speed)
+    assert path_speed(times[:0], metres[:0]) == 0
+
+
+@pytest.mark.parametrize(
+    ("width", "error", "residual", "is_stretched"),
+    [
+        (0.12, 0.0, 0.01, True),  # MIN_DIRECTION_EXTENT of 0.1 of the length
+        (0.08, 0.0, 0.01, False),
+        (0.5, 0.01, 0.023, True),  # the linear map leaves less than MAX_STRETCHED_RESIDUAL, half, of the residual
+        (0.5, 0.01, 0.017, False),
+    ],
+)
+def test_a_stretch_needs_a_wide_path_that_a_linear_map_fits(
+    width: float, error: float, residual: float, is_stretched: bool
+) -> None:
+    angle = np.linspace(0, 2 * np.pi, 200, endpoint=False)
+    centres = np.column_stack([np.cos(angle), width * np.sin(angle), 0 * angle])
+    metres = centres * [1, 1.2, 1] + error * np.sqrt(2) * np.column_stack([np.cos(k * angle) for k in (5, 7, 9)])
+    assert (stretch_ratio(centres, metres, residual) is not None) == is_stretched
+    assert stretch_ratio(centres, centres * [1, 1, 1] + error, residual) is None
+
+
+@pytest.mark.parametrize(
+    ("tags", "metres"),
+    [
+        ({}, 5.0),
+        ({0x1F: 3.0, 0x0B: 2.0}, 3.0),  # the error is stated
+        ({0x0B: 2.0}, 5.0),
+        ({0x0B: 4.0}, 10.0),  # 2.5 m a unit of dilution
+        ({0x1F: 0.0, 0x0B: 4.0}, 10.0),
+        ({0x1F: -3.0}, 5.0),
+        ({0x1F: 0.95e9}, 0.95e9),
+        ({0x1F: 1.05e9}, 5.0),  # MAX_COORDINATE
+    ],
+)
+def test_the_error_of_a_position(tags: dict[int, float], metres: float) -> None:
+    assert gps.exif_accuracy(tags) == metres
+
+
+@pytest.mark.parametrize(
+    ("changes", "position"),
+    [
+        ({}, [48.5, 11.25, 500.0]),
+        ({1: "S"}, [-48.5, 11.25, 500.0]),
+        ({3: "W"}, [48.5, -11.25, 500.0]),
+        ({5: 1}, [48.5, 11.25, -500.0]),
+        ({5: b"\x01"}, [48.5, 11.25, -500.0]),
+        ({5: 0}, [48.5, 11.25, 500.0]),
+        ({6: 0.95e9}, [48.5, 11.25, 0.95e9]),
+        ({6: 1.05e9}, None),
+        ({2: None}, None),
+        ({4: None}, None),
+        ({6: None}, [48.5, 11.25, 0.0]),
+    ],
+)
+def test_a_position_has_its_references(changes: dict[int, Any], position: list[float] | None) -> None:
+    tags = {1: "N", 2: (48, 30, 0), 3: "E", 4: (11, 15, 0), 5: b"\x00", 6: 500.0} | changes
+    found = gps.exif_position({tag: value for tag, value in tags.items() if value is not None})
+    assert found == (None if position is None else pytest.approx(position))

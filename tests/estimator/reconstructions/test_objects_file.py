@@ -70,7 +70,9 @@ def test_what_is_optional(tmp_path: Path) -> None:
 
 def test_low_confidence_is_a_cut(tmp_path: Path) -> None:
     """The paper's threshold: a side of eta under 0.7 is not trusted."""
-    (car,) = _read(tmp_path, _document(CAR | {"confidence": {"height": 0.5, "width": 0.7}, "truncated": []}))
+    (car,) = _read(
+        tmp_path, _document(CAR | {"confidence": {"height": 0.69, "width": 0.7, "length": 0.71}, "truncated": []})
+    )
     assert car.truncated.tolist() == [False, False, True]
 
 

@@ -228,3 +228,13 @@ def test_colmap_exports(kind: str, views: RenderedViews, tmp_path: Path) -> None
     assert len(scene.points) == len(points)
     assert scene.observed == (kind == "VGGT")
     assert all(len(view.point_index) for view in scene.views)
+
+
+@pytest.mark.parametrize(("lowest", "n_kept"), [(0.0, 160), (-100.0, 120)])
+def test_a_fifth_of_the_pixels_has_a_low_confidence(lowest: float, n_kept: int) -> None:
+    """LOW_CONFIDENCE_FRACTION, and never pixels without confidence: half of the values are negative."""
+    camera = pinhole_camera((20, 10), (20.0, 20.0), (10.0, 5.0), {})
+    view = View("a", camera, np.eye(3), np.zeros(3), np.empty((0, 2)), np.empty(0, np.int64))
+    confidence = np.arange(1.0, 201.0).reshape(1, 10, 20)
+    confidence[confidence <= 80] += lowest
+    assert len(depth_cloud([view], np.full((1, 10, 20), 2.0), confidence).points) == n_kept

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
+import cv2
 import numpy as np
 import pytest
 from PIL import Image
 
+from capture.sources import frames
 from capture.sources.frames import is_capture, make_frames, read_frames, source_of
 from capture.sources.image_folder import ImageFolder
+from capture.sources.video import VideoFrame
 from metric_base.errors import InputError
 
 
@@ -115,3 +119,27 @@ def test_pictures_that_are_left_out_are_named(tmp_path: Path) -> None:
     assert is_capture(tmp_path)
     with pytest.raises(InputError, match=r"found IMG_3\.HEIC; convert it to JPEG"):
         source_of(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("size", "written"),
+    [((1900, 40), (1900, 40)), ((1920, 40), (1920, 40)), ((2400, 40), (1920, 32)), ((30, 2000), (29, 1920))],
+)
+def test_a_frame_is_reduced_to_1920_pixels(size: tuple[int, int], written: tuple[int, int], tmp_path: Path) -> None:
+    colour = np.zeros((size[1], size[0], 3), dtype=np.uint8)
+    video = SimpleNamespace(path=tmp_path / "a.mp4", focal_px=100.0)
+    frame = frames._write_frame(tmp_path, VideoFrame(7, 0.5, colour), video)  # type: ignore[arg-type]
+    assert (frame.name, frame.width, frame.height, frame.time_s) == ("000007.jpg", *written, 0.5)
+    assert frame.focal_px == pytest.approx(100 * max(written) / max(size))
+    assert cv2.imread(str(tmp_path / frame.name)).shape[:2] == written[::-1]
+
+
+@pytest.mark.parametrize(("n_images", "found"), [(1, False), (2, True)])
+def test_a_capture_is_a_folder_of_two_images(n_images: int, found: bool, tmp_path: Path) -> None:
+    (tmp_path / "input").mkdir()
+    for index in range(n_images):
+        cv2.imwrite(str(tmp_path / "input" / f"{index}.png"), np.zeros((4, 4), dtype=np.uint8))
+    assert is_capture(tmp_path / "input") == found
+    assert frames.capture_folder(tmp_path) == (tmp_path / "input" if found else tmp_path)
+    assert is_capture(tmp_path / "a.mp4")
+    assert not is_capture(tmp_path / "a.txt")

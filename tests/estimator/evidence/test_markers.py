@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -124,3 +126,44 @@ def test_rays_meet_at_an_angle_of_a_hundredth(angle: float, is_found: bool) -> N
     found = triangulate(views, pixels, 0.005)
     assert (found is not None) == is_found
     assert found is None or found == pytest.approx(point[0])
+
+
+@pytest.mark.parametrize(("sd_log", "is_used"), [(0.95, True), (1.05, False)])
+def test_a_marker_determines_the_scale_within_a_factor(
+    sd_log: float, is_used: bool, walk: Walk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """MAX_LOG_SD of 1."""
+    monkeypatch.setattr(markers, "triangulate", lambda views, *_: np.array([float(len(views)), 0, 0]))
+    monkeypatch.setattr(markers, "align", lambda *_: SimpleNamespace(sd_log=sd_log, scale=2.0))
+    seen = {corner: [(0, np.zeros(2)), (1, np.zeros(2))] for corner in range(4)}
+    row = markers._marker_evidence("7", dict.fromkeys(range(4), np.zeros(3)), seen, walk.scene)
+    assert (row is not None) == is_used
+    assert row is None or row.sd_log == pytest.approx(np.hypot(sd_log, 0.005))
+    few = {corner: seen[corner] for corner in range(2)}
+    assert markers._marker_evidence("7", dict.fromkeys(range(4), np.zeros(3)), few, walk.scene) is None
+
+
+@pytest.mark.parametrize(("move", "is_found"), [(0.0, True), (9.0, True), (11.0, False)])
+def test_a_corner_moves_by_a_fifth_of_the_marker(move: float, is_found: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """MAX_CORNER_MOVE of a marker of 50 pixels in a crop at its size."""
+    corners = 40 + np.array([[0.0, 0], [50, 0], [50, 50], [0, 50]])
+    monkeypatch.setattr(markers, "MIN_CROP_SIDE_PX", 50.0)
+    found = [(7, corners - (25, 25) + (move, 0)), (8, corners)]  # the margin of the crop is 15 pixels
+    monkeypatch.setattr(markers, "_detect_markers", lambda *_: found)
+    refined = markers._refine(np.zeros((150, 150), dtype=np.uint8), None, 7, corners)
+    assert (refined is not None) == is_found
+    assert refined is None or refined == pytest.approx(np.add(corners, [move, 0]))
+
+
+@pytest.mark.parametrize(
+    ("columns", "rows", "is_valid"), [(2, 200, True), (200, 2, True), (1, 5, False), (201, 5, False), (5, 201, False)]
+)
+def test_a_board_has_2_to_200_squares_along_a_side(columns: int, rows: int, is_valid: bool) -> None:
+    with nullcontext() if is_valid else pytest.raises(InputError, match="2 to 200 columns and rows"):
+        Marker("DICT_4X4_50", 0.1, (columns, rows, 0.05))
+
+
+@pytest.mark.parametrize(("side", "is_valid"), [(0.099, True), (0.1, False), (0.0, False)])
+def test_a_marker_of_a_board_is_smaller_than_its_square(side: float, is_valid: bool) -> None:
+    with nullcontext() if is_valid else pytest.raises(InputError, match="markers smaller than their squares"):
+        Marker("DICT_4X4_50", 0.1, (5, 7, side))

@@ -288,3 +288,77 @@ def test_a_plane_has_no_hole_at_a_gap_of_a_tenth_of_the_height_of_the_scene(gap,
     row = floor.cells[:, floor.cells.shape[1] // 2]
     first, *_, last = np.flatnonzero(row)
     assert row[first:last].all() == is_closed
+
+
+def heights_of(counts):
+    """Heights in bins of one unit, with so many at the middle of each bin; the lowest is at 0.5."""
+    return np.concatenate([np.full(count, row + 0.5) for row, count in counts.items()])
+
+
+@pytest.mark.parametrize(
+    ("counts", "peaks"),
+    [
+        ({row: 100 + 340 * (row == 75) for row in range(150)}, []),  # MIN_PEAK_TO_MEDIAN: 1.9 after smoothing
+        ({row: 100 + 420 * (row == 75) for row in range(150)}, [75]),  # 2.1
+        ({20: 10_000, 60: 75}, [20]),  # MIN_PLANE_FRACTION: 0.74 %
+        ({20: 10_000, 60: 86}, [20, 60]),  # 0.85 %
+        ({20: 2000, 60: 24}, [20]),  # MIN_POINTS
+        ({20: 2000, 60: 25}, [20, 60]),
+        ({20: 2000, 58: 12, 62: 12, 60: 2}, [20, 60]),  # within two bins of the peak
+        ({20: 2000, 57: 12, 63: 12, 60: 5}, [20]),
+        ({0: 20, 20: 1000, 23: 900, 150: 20}, [21]),  # MIN_BINS_APART: the second is a surface up to bin 25
+        ({0: 20, 20: 1000, 24: 900, 150: 20}, [20, 26]),
+    ],
+)
+def test_both_sides_of_what_a_level_surface_is(counts, peaks):
+    heights = heights_of(counts)
+    low = np.percentile(heights, 0.5)
+    found = height_peaks(heights, 1.0)
+    assert [round(height - low - 0.5) + min(counts) for height in found] == peaks
+
+
+@pytest.mark.parametrize(("height", "n_points"), [(2.8, 1020), (3.2, 1000)])
+def test_a_level_surface_is_two_and_a_half_bins_thick_to_each_side(height, n_points):
+    """150 bins between the outer points; the peak is half a bin above the lowest."""
+    heights = heights_of({0: 1000, 150: 1000}) - 0.5
+    points = np.column_stack([np.tile(np.linspace(0, 60, 1000), 2), np.zeros(2000), heights])
+    points = np.vstack([points, np.tile([0, 0, height], (20, 1))])
+    plane = support_planes(UP, points, points)[0]
+    assert (plane.points, plane.cell) == (n_points, pytest.approx(6.0))
+
+
+def level(height, n_cells):
+    return SupportPlane(np.eye(3), height, 0.01, 100, np.zeros(2), 0.6, np.ones((1, n_cells), dtype=bool))
+
+
+@pytest.mark.parametrize(
+    ("n_cells", "n_below", "row"),
+    [
+        (55, 140, 0),  # a wide plane with 14 % of the points below
+        (55, 160, 1),
+        (45, 140, 1),  # MIN_WIDE_FRACTION: no wide plane
+        (45, 45, 0),
+        (45, 55, 1),
+    ],
+)
+def test_the_floor_has_few_points_below(n_cells, n_below, row):
+    """A point is below from half a unit (five bins) below the plane."""
+    planes = [level(0.0, n_cells), level(1.0, 100)]
+    points = np.zeros((1000, 3))
+    points[:n_below, 2] = -0.55
+    points[n_below:, 2] = -0.45
+    assert floor_of(planes, points) is (planes[0] if row == 0 else None)
+    points[:, 2] += 0.55
+    assert floor_of(planes[:1], points) is planes[0]
+
+
+@pytest.mark.parametrize(("x", "is_y"), [(0.88, False), (-0.88, False), (0.92, True), (-0.92, True)])
+def test_the_first_axis_is_that_of_y_near_a_vertical_along_x(x, is_y):
+    first = level_basis(np.array([x, 0, np.sqrt(1 - x**2)]))[0]
+    assert (first[1] == 1) == is_y
+
+
+@pytest.mark.parametrize(("n_points", "n_kept"), [(24, 24), (10_001, 209)])
+def test_a_cloud_has_200_voxels_along_its_diagonal(n_points, n_kept):
+    points = np.column_stack([np.linspace(0, 1, n_points), np.zeros((n_points, 2))])
+    assert len(voxel_downsample(points)) == pytest.approx(n_kept, abs=1)

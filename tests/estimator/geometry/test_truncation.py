@@ -206,7 +206,7 @@ def test_a_side_behind_the_camera_is_truncated():
     assert sides.truncated[0].tolist() == [True, False]
 
 
-@pytest.mark.parametrize(("height", "truncated"), [(-0.18, False), (-0.14, True)])
+@pytest.mark.parametrize(("height", "truncated"), [(-0.165, False), (-0.155, True)])
 def test_an_occluder_is_above_the_foot(height, truncated):
     """On each side of `MIN_OCCLUDER_HEIGHT`: the floor in front of an object is closer than the object."""
 

@@ -19,11 +19,10 @@ from scipy.spatial.transform import Rotation
 from estimator.instances.view_matching import ViewLookup
 from estimator.outputs.rescaled import write_rescaled
 from estimator.projection.cameras import pixels_in_view
-from estimator.reconstructions import scene_reader
 from estimator.reconstructions.image_files import image_file
 from estimator.reconstructions.ply import read_points
 from estimator.reconstructions.scene_reader import read_scene
-from estimator.reconstructions.splats import MIN_OPACITY, is_splat, scaled_splat
+from estimator.reconstructions.splats import is_splat, scaled_splat
 from estimator.records.scene import Scene
 from metric_base.errors import InputError
 from metric_cli.estimate_scale.estimate import main
@@ -86,7 +85,7 @@ def test_axes_of_spz(version: int, axes: tuple[int, int, int], model: Path, scen
 
 
 def test_faint_gaussians_are_no_points(centres: NDArray[Any], tmp_path: Path) -> None:
-    opacity = np.where(np.arange(300) < 100, MIN_OPACITY - 0.01, MIN_OPACITY + 0.01)
+    opacity = np.where(np.arange(300) < 100, 0.49, 0.51)
     np.testing.assert_allclose(read_points(write_splat(tmp_path / "a.ply", centres, opacity)), centres[100:], rtol=1e-6)
     with pytest.raises(InputError, match="opacity: expected at least one Gaussian"):
         read_points(write_splat(tmp_path / "b.ply", centres, 0.1))
@@ -178,7 +177,7 @@ def test_cameras_of_another_frame_without_points(n_seen: int, scene: Scene, tmp_
     points = np.tile(unseen_place(scene), (100, 1))
     points[:n_seen] = scene.points[:n_seen]
     splat = write_splat(tmp_path / "splat.ply", points)
-    if n_seen / 100 >= scene_reader.MIN_SEEN_FRACTION:
+    if n_seen / 100 >= 0.1:
         assert any("not checked that the cameras have the frame" in line for line in read_scene(splat).warnings)
     else:
         with pytest.raises(InputError, match=r"cameras in the frame of the splat.*9% of its Gaussians"):
@@ -188,7 +187,7 @@ def test_cameras_of_another_frame_without_points(n_seen: int, scene: Scene, tmp_
 @pytest.mark.parametrize("missing", [0, 1])
 def test_cameras_of_another_frame(missing: int, model: Path, scene: Scene, tmp_path: Path) -> None:
     """On both sides of MIN_NEAR_FRACTION."""
-    n_near = math.ceil(scene_reader.MIN_NEAR_FRACTION * len(scene.points)) - missing
+    n_near = math.ceil(0.5 * len(scene.points)) - missing
     points = np.vstack([scene.points[:n_near], unseen_place(scene)])
     splat = write_splat(tmp_path / "splat.ply", points)
     if missing:
@@ -202,7 +201,7 @@ def test_cameras_of_another_frame(missing: int, model: Path, scene: Scene, tmp_p
 def test_gaussians_near_a_point(factor: float, is_near: bool, model: Path, scene: Scene, tmp_path: Path) -> None:
     """On both sides of MAX_GAUSSIAN_DISTANCE: all Gaussians are this far from their points, along one axis."""
     tails = np.quantile(scene.points, [0.02, 0.98], axis=0)
-    radius = scene_reader.MAX_GAUSSIAN_DISTANCE * np.linalg.norm(np.ptp(tails, axis=0))
+    radius = 0.01 * np.linalg.norm(np.ptp(tails, axis=0))
     splat = write_splat(tmp_path / "splat.ply", scene.points + np.array([factor * radius, 0, 0]))
     if is_near:
         assert read_scene(splat, cameras=model).dense is not None

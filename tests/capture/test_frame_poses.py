@@ -14,6 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from capture import localisation
 from capture.frame_poses import FILE_NAME, FramePose, FramePoses, read_frame_poses, scaled_camera, write_frame_poses
 from capture.localisation import localised_frames
 from capture.sources.video import VideoFrame
@@ -133,3 +134,69 @@ def test_a_pose_fits_its_origin(origin: Any, rotation: Any, translation: Any, me
     with nullcontext() if message is None else pytest.raises(ValueError, match=message):
         pose = FramePose(1, 0.1, "a.jpg", origin, rotation, translation)
         assert (pose.centre is None) == (origin == "none")
+
+
+@pytest.mark.parametrize(
+    ("n_between", "calls"),
+    [
+        (0, [(0, False, True), (0, True, False)]),
+        (199, [(0, False, True), (199, True, True), (0, True, False)]),
+        (200, [(0, False, True), (200, True, False), (0, False, True), (0, True, False)]),
+    ],
+)
+def test_at_most_200_frames_wait_for_a_reconstructed_one(
+    n_between: int, calls: list[tuple[int, bool, bool]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Number of frames, and whether there is a reconstructed one before and after them."""
+    found = []
+
+    class Tracker:
+        def __init__(self, *_: object) -> None:
+            pass
+
+        def anchor(self, view: View, frame: VideoFrame, grey: object) -> tuple[FramePose, object, None]:
+            return FramePose(frame.index, 0.0, view.name, "reconstructed", np.eye(3), np.zeros(3)), grey, None
+
+        def between(self, waiting: list[tuple[FramePose, object]], before: object, after: object) -> list[FramePose]:
+            found.append((len(waiting), before is not None, after is not None))
+            return [pose for pose, _ in waiting]
+
+    monkeypatch.setattr(localisation, "_Tracker", Tracker)
+    empty = np.empty((0, 2))
+    view = View("a.jpg", CAMERA, np.eye(3), np.zeros(3), empty, np.empty(0, dtype=np.int64))
+    grey = np.zeros((4, 4, 3), dtype=np.uint8)
+    n = n_between + 2 if n_between else 1
+    frames = [VideoFrame(index, index / 30, grey) for index in range(n)]
+    names = {0: "a.jpg", n - 1: "a.jpg"}
+    poses = list(localised_frames(frames, Scene(Path(), "memory", (view,), np.empty((0, 3))), names, 640))
+    assert [pose.index for pose in poses] == list(range(n))
+    assert found == calls
+
+
+@pytest.mark.parametrize(
+    ("times", "origin"),
+    [
+        ((0.0, 0.4, 0.95), "interpolated"),
+        ((0.0, 0.4, 1.05), "none"),  # MAX_GAP_S
+        ((0.0, None, 0.9), "none"),
+        ((None, 0.4, 0.9), "none"),
+        ((0.0, 0.4, None), "none"),
+    ],
+)
+def test_poses_are_interpolated_over_a_second(times: tuple[float | None, ...], origin: str) -> None:
+    turn = Rotation.from_euler("y", 30, degrees=True).as_matrix()
+    ends = [
+        FramePose(0, times[0], "a", "reconstructed", np.eye(3), np.zeros(3)),
+        FramePose(9, times[2], "b", "localised", turn, -turn @ [1.0, 0, 0]),
+    ]
+    view = View("a", CAMERA, np.eye(3), np.zeros(3), np.empty((0, 2)), np.empty(0, dtype=np.int64))
+    tracker = localisation._Tracker(Scene(Path(), "memory", (view,), np.empty((0, 3))), 640)
+    pose = FramePose(4, times[1], None, "none")
+    found = tracker._interpolated(pose, ends, None)
+    assert found.origin == origin
+    if found.rotation is not None:
+        assert found.centre == pytest.approx(np.array([0.4 / 0.95, 0, 0]))
+        assert Rotation.from_matrix(found.rotation).magnitude() == pytest.approx(np.radians(30) * 0.4 / 0.95)
+    assert tracker._interpolated(pose, ends[:1], None).origin == "none"
+    assert tracker._interpolated(pose, ends[1:], None).origin == "none"
+    assert tracker._interpolated(ends[0], ends, None) is ends[0]

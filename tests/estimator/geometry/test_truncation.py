@@ -219,6 +219,18 @@ def test_an_occluder_is_above_the_foot(height, truncated):
     assert (sides.is_shown[:, 0] != truncated).all()
 
 
+@pytest.mark.parametrize(("depth", "truncated"), [(1.935, False), (1.915, True)])
+def test_an_occluder_is_in_front_by_a_tenth_of_the_diagonal(depth, truncated):
+    """On each side of `MIN_OCCLUDER_DISTANCE`, for an object at 2 with a diagonal of 0.75."""
+
+    def depths_and_heights(_, pixels):
+        return np.repeat([depth, 2.0], len(pixels) // 2), np.zeros(len(pixels))
+
+    images = SimpleNamespace(depths_and_heights=depths_and_heights)
+    sides = sides_in_two_views(AHEAD, OUTLINE, np.zeros(202, dtype=bool), images, from_box=False)
+    assert (sides.is_shown[:, 0] != truncated).all()
+
+
 @pytest.mark.parametrize(("touching", "truncated"), [(0.2, False), (0.3, True)])
 def test_a_quarter_of_the_outer_outline_at_the_border_truncates_a_side(touching, truncated):
     """On each side of `MIN_CUT_FRACTION`: a part of the right outline is at the border of the image."""

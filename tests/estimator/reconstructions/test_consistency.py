@@ -119,16 +119,19 @@ def test_a_scene_that_is_ruled_out_prints_no_warnings_of_numpy(good_scene, mini)
     assert result.status == "unresolved"
 
 
-def test_groups_of_views_without_a_common_point_are_doubted(good):
+@pytest.mark.parametrize(("n_apart", "n_groups"), [(1, 1), (2, 2)])
+def test_groups_of_views_without_a_common_point_are_doubted(good, n_apart, n_groups):
+    """A single view is no group."""
     assert reprojection_statistics(good).groups == 1
     half = len(good.points) // 2
     views = []
     for number, view in enumerate(good.views):
-        own = (view.point_index < half) == (number < 2)
+        own = (view.point_index < half) == (number < n_apart)
         views.append(replace(view, keypoints=view.keypoints[own], point_index=view.point_index[own]))
     parted = reprojection_statistics(replace(good, views=tuple(views)))
-    assert parted.groups == 2
-    assert any("2 groups" in problem.message and not problem.is_fatal for problem in reprojection_problems(parted))
+    assert parted.groups == n_groups
+    problems = [problem for problem in reprojection_problems(parted) if "2 groups" in problem.message]
+    assert [problem.is_fatal for problem in problems] == [False] * (n_groups - 1)
 
 
 @pytest.mark.parametrize(("factor", "status"), [(1.0, "resolved"), (2.0, "unresolved")])

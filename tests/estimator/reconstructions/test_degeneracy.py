@@ -126,3 +126,13 @@ def test_points_beyond_ten_median_distances_are_outliers_of_the_shape(whole, dis
     circle = np.column_stack([np.cos(angles), np.zeros(600), np.sin(angles)])  # all at the median distance
     points = np.vstack([circle, [[0.0, distance, 0.0]]])
     assert (degeneracy(replace(without_points(whole), points=points)) is not None) == is_flat
+
+
+@pytest.mark.parametrize(("n_points", "is_few"), [(3, True), (4, False)])
+def test_a_reconstruction_has_four_points(whole, n_points, is_few):
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])[:n_points]
+    views = tuple(
+        replace(view, point_index=np.empty(0, dtype=np.int64), keypoints=np.empty((0, 2))) for view in whole.views
+    )
+    problem = degeneracy(replace(whole, views=views, points=corners, dense=None))
+    assert (problem is not None and "3 points, 4 needed" in problem.message) == is_few

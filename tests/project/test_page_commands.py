@@ -28,7 +28,7 @@ from metric_cli.estimate_scale.estimate import main as estimate_scale
 from tests.crawler.page.test_archives import PRODUCT, warc_records
 from tests.metric_cli.test_paths import command_of
 from tests.project.test_docs import PAGES, ROOT
-from tests.synthetic.insertions import write_glb
+from tests.synthetic.insertions import first_views, write_glb
 from tests.synthetic.minitree import release
 from tests.synthetic.networks import RenderedViews, write_output
 from tests.synthetic.rooms.solids import box
@@ -141,15 +141,7 @@ def _metres(folder: Path) -> None:
 
 def _insertions(folder: Path) -> None:
     """Write two views of the demo room with its scale (scene and work folder), models, and answers of a participant."""
-    import pycolmap
-
-    work = folder / "work"
-    shutil.copytree(ROOT / "data" / "scenes" / "demo_room", work)
-    (model,) = {path.parent for path in work.rglob("images.bin")}
-    reconstruction = pycolmap.Reconstruction(str(model))
-    for image in sorted(reconstruction.images.values(), key=lambda image: image.name)[2:]:
-        reconstruction.deregister_frame(image.frame_id)
-    reconstruction.write(str(model))
+    work = first_views(ROOT / "data" / "scenes" / "demo_room", 2, folder / "work")
     (folder / "SCENE").symlink_to(work)
     assert estimate_scale([str(work), "--output", str(work / "result.json"), "--quiet"]) == 0
     write_glb(box((-0.25, 0.25), (-0.25, 0.25), (0, 0.9), "wood"), folder / "chair.glb")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
@@ -35,6 +36,7 @@ __all__ = [
     "RecordedRoom",
     "added",
     "composite_into",
+    "first_views",
     "in_unit",
     "place_in",
     "prepared_scene_of",
@@ -55,6 +57,19 @@ class RecordedRoom:
     instances: tuple[Instance, ...]
     folder: Path
     to_scene: Similarity
+
+
+def first_views(scene: Path, n_views: int, folder: Path) -> Path:
+    """Copy a scene with a COLMAP model of its first views only, in which an insertion is quick; return the folder."""
+    import pycolmap
+
+    shutil.copytree(scene, folder)
+    (model,) = {path.parent for path in folder.rglob("images.bin")}
+    reconstruction = pycolmap.Reconstruction(str(model))
+    for image in sorted(reconstruction.images.values(), key=lambda image: image.name)[n_views:]:
+        reconstruction.deregister_frame(image.frame_id)
+    reconstruction.write(str(model))
+    return folder
 
 
 def video_room(kind: str, seed: int, folder: Path, views: int = 6, noise: float = 0.0) -> RecordedRoom:

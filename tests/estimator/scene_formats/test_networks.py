@@ -211,13 +211,13 @@ def test_colmap_exports(kind: str, views: RenderedViews, tmp_path: Path) -> None
     sparse = tmp_path / "sparse"
     sparse.mkdir()
     (sparse / "cameras.txt").write_text("1 PINHOLE 160 120 125 125 80 60\n")
-    images, points = [], []
+    cloud, images, points = views.points, [], []
     for row, name in enumerate(views.names):
         quaternion = Rotation.from_matrix(views.rotation[row]).as_quat(scalar_first=True)
         pose = [*quaternion, *(-views.rotation[row] @ views.centre[row])]
         keypoints = []
         for line, column in ((line, column) for line in range(2, 120, 12) for column in range(2, 160, 12)):
-            number, point = len(points) + 1, views.points[row, line, column]
+            number, point = len(points) + 1, cloud[row, line, column]
             track = f"{row + 1} {len(keypoints)}" if kind == "VGGT" else f"{row + 1} {number} 0 0 0 0"
             keypoints += [f"{column + 0.5} {line + 0.5} {number}"] * (kind == "VGGT")
             points.append(f"{number} {' '.join(map(str, point))} 9 9 9 0.0 {track}")

@@ -15,9 +15,10 @@ from insertion.request import ObjectRequest, PixelPosition
 from metric_cli.insert_object.insert import command_line
 from tests.support.browser import Browser
 from tests.support.processes import started
+from tests.synthetic.insertions import first_views, write_glb
+from tests.synthetic.rooms.solids import box
 
 ROOM = Path("data/scenes/demo_room").resolve()
-MODEL = Path("data/models/rocking_horse.glb").resolve()
 CODE = "import sys; from metric_cli.insert_object.insert import main; sys.exit(main(sys.argv[1:]))"
 #: Of the canvas: its left upper corner in the window, and how many of its pixels a pixel of the window is.
 CANVAS = """(() => { const b = find("picture").getBoundingClientRect();
@@ -25,18 +26,10 @@ CANVAS = """(() => { const b = find("picture").getBoundingClientRect();
 
 
 def test_an_object_is_dragged_drawn_and_put_there_by_the_command(tmp_path: Path) -> None:
-    words = [
-        str(ROOM),
-        "--scale",
-        "0.4",
-        "--model",
-        str(MODEL),
-        "--at",
-        "auto",
-        "--model",
-        str(MODEL),
-        "--size=height=0.2",
-    ]
+    room = first_views(ROOM, 6, tmp_path / "room")
+    model = str(tmp_path / "box.glb")
+    write_glb(box((-0.3, 0.3), (-0.15, 0.15), (0, 0.5), "wood"), Path(model))
+    words = [str(room), "--scale", "0.4", "--model", model, "--at", "auto", "--model", model, "--size=height=0.2"]
     program = [sys.executable, "-c", CODE]
     with (
         started([*program, *words, "--place"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as child,

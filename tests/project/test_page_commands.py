@@ -69,7 +69,7 @@ REPLACEMENTS = {
     "frame=12,x=640,y=500": "frame=1,x=320,y=400",
     r"^(metric-tree site out/site)$": r"\1 --tree releases/2.0.0",
     r"^metric-tree validate releases/mine": "metric-tree validate releases/2.0.0",
-    r"^metric-tree diff 2\.0\.0 3\.0\.0": "metric-tree diff releases/1.0.0 releases/2.0.0",
+    r"^metric-tree diff 3\.0\.0 4\.0\.0": "metric-tree diff releases/1.0.0 releases/2.0.0",
     r"--tree (\d)": r"--tree releases/\1",
     r"^(metric-tree build raw/lamps.*)$": r"\1 --workers 1",
     r"^(metric-tree review record .*)$": r"\1 --folder decisions",
@@ -271,9 +271,10 @@ def test_commands_of_a_page_run_and_print_the_shown_lines(
                 assert any(_agrees(shown, other) for other in printed.splitlines()), f"{shown}\n{printed}"
 
 
-def test_every_reason_not_to_run_a_command_is_needed() -> None:
+def test_every_reason_not_to_run_a_command_and_every_replacement_is_needed() -> None:
     commands = [command for page in PAGES for block in _blocks(page) for command in block.commands]
-    assert [pattern for pattern in NOT_RUN if not any(re.search(pattern, command) for command in commands)] == []
+    patterns = [*NOT_RUN, *REPLACEMENTS]
+    assert [pattern for pattern in patterns if not any(re.search(pattern, command) for command in commands)] == []
 
 
 def test_addresses_of_the_explorer_page_have_status_200() -> None:

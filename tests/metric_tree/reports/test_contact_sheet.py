@@ -27,17 +27,18 @@ from tests.synthetic.hostile_pictures import shop_picture
 from tests.synthetic.picture_fixture import HOSTILE, release_with, wallpaper
 
 
-@pytest.fixture
-def release(tmp_path):
+@pytest.fixture(scope="module")
+def release(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("release")
     old = release_with(
-        tmp_path / "old",
+        folder / "old",
         [
             *(shop_picture(seed) for seed in range(20)),
             wallpaper(),
             HOSTILE["bomb: header of 50,000 x 50,000"][0],
         ],
     )
-    return cut_release(old, tmp_path / "new", Settings("plain"), version="1.0.0", created="2026-11-21")
+    return cut_release(old, folder / "new", Settings("plain"), version="1.0.0", created="2026-11-21")
 
 
 def query(release, *words):

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from estimator.evidence import imu
 from estimator.evidence.alignment import align
 from estimator.evidence.gps import VideoGps, path_speed
-from estimator.evidence.imu import Imu, Inertial, inertial_scale
+from estimator.evidence.imu import Imu, Inertial, inertial_scale, remove_drift
 from estimator.evidence.source import CameraPath
 from estimator.records.objects import Measurements
 from estimator.telemetry.records import Positions, Samples, Telemetry
@@ -190,3 +191,67 @@ def test_four_positions_of_a_video_give_a_scale(walk: Walk, nothing: Measurement
     positions = Positions(times[:: 30 // n][:n], 2 * centres[:: 30 // n][:n], geodetic=False)
     row = one(VideoGps(positions, CameraPath(times, centres), "clip.csv").observe(walk.scene, nothing))
     assert (row.scale is not None) == is_used
+
+
+@pytest.mark.parametrize(
+    ("swing_m", "correlation", "words"),
+    [
+        (0.0042, 0.97, None),
+        (0.0038, 0.97, "swings by 3.8 mm up and down, 4 mm needed"),
+        (0.0042, 0.95, "correlate by 0.95, 0.96 needed"),
+    ],
+)
+def test_a_walk_swings_and_agrees_with_its_path(
+    swing_m: float, correlation: float, words: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    times, centres, force, rate = walk_readings(5.0, 100.0, 0.02)
+    monkeypatch.setattr(imu, "fit_swings", lambda *_: (2.0, 0.03, correlation, swing_m))
+    found = inertial_scale(force, rate, _path(times, centres, 4))
+    if isinstance(found, str):
+        assert words is not None
+        assert words in found
+    else:
+        assert words is None
+        assert (found.scale, found.sd_log) == (2.0, pytest.approx(np.hypot(0.03, 0.01)))
+
+
+@pytest.mark.parametrize(("reading", "words"), [(1.9, "reads 18.6"), (2.1, "reads 2.1")])
+def test_readings_below_two_are_multiples_of_gravity(reading: float, words: str) -> None:
+    times, centres, force, rate = walk_readings(5.0, 100.0, 0.0)
+    values = force.values * (reading / np.median(np.linalg.norm(force.values, axis=1)))
+    assert words in str(inertial_scale(Samples(force.times_s, values), rate, _path(times, centres, 4)))
+
+
+@pytest.mark.parametrize(("late_s", "is_found"), [(0.46, True), (0.56, False)])
+def test_the_clocks_differ_by_half_a_second(late_s: float, is_found: bool) -> None:
+    times, centres, force, rate = walk_readings(8.0, 100.0, 0.02)
+    force, rate = Samples(force.times_s + late_s, force.values), Samples(rate.times_s + late_s, rate.values)
+    path = _path(times, centres, 4)
+    middle = (path.times_s > 1) & (path.times_s < 7)
+    found = inertial_scale(force, rate, CameraPath(path.times_s[middle], path.centres[middle]))
+    is_right = isinstance(found, Inertial) and abs(found.offset_s - late_s) < 0.02
+    assert is_right == is_found
+
+
+@pytest.mark.parametrize(
+    ("seconds", "starts"),
+    [(8.0, [0]), (10.0, [0]), (13.0, [0, 3]), (20.0, [0, 5, 10]), (31.0, [0, 5.25, 10.5, 15.75, 21])],
+)
+def test_windows_of_ten_seconds_overlap_by_half(
+    seconds: float, starts: list[float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found: list[float] = []
+    monkeypatch.setattr(imu, "_window", lambda _force, _rate, _path, start: found.append(start))
+    times = np.arange(0, seconds + 0.01, 0.02)
+    readings = Samples(times, np.ones((len(times), 3)))
+    assert "no stretch" in str(inertial_scale(readings, readings, CameraPath(times, np.zeros((len(times), 3)))))
+    assert found == pytest.approx(starts, abs=0.03)
+
+
+@pytest.mark.parametrize(("degree", "is_removed"), [(5, True), (6, False)])
+def test_a_drift_has_a_degree_per_two_seconds(degree: int, is_removed: bool) -> None:
+    times = np.linspace(0, 10, 101)
+    path = np.outer((times / 10) ** degree, [1.0, 2.0, 3.0])
+    assert bool(np.abs(remove_drift(times, path)).max() < 1e-9) == is_removed
+    square = np.outer(times**2, [1.0, 2.0, 3.0])
+    assert np.abs(remove_drift(times / 10, square)).max() < 1e-9  # the degree is 2 at least

@@ -156,3 +156,9 @@ def test_noise_is_no_pattern() -> None:
     assert residual_pattern(noise, pixels, (640, 640)) < 0.05
     bent = noise + 0.4 * (pixels / 320 - 1) ** 3
     assert residual_pattern(bent, pixels, (640, 640)) > 0.2
+
+
+@pytest.mark.parametrize(("gain", "chosen"), [(0.14, "SIMPLE_RADIAL"), (0.16, "OPENCV"), (-0.2, "SIMPLE_RADIAL")])
+def test_a_model_gains_three_standard_errors(gain: float, chosen: str) -> None:
+    scores = {"SIMPLE_RADIAL": ModelScore(1.2, 0.0, 0.0, []), "OPENCV": ModelScore(1.0, gain, 0.05, [])}
+    assert chosen_model(scores) == chosen

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_array
 
-from estimator.association.point_labels import PointLabels, dense_labels, point_votes, sparse_labels
+from estimator.association.point_labels import PointLabels, _is_at_object, dense_labels, point_votes, sparse_labels
 from estimator.association.point_labels import pixels_in_masks as view_labels
 from estimator.projection.visibility import project_unoccluded
 from estimator.records.scene import Camera, DenseCloud, Instance, Scene, View
@@ -192,3 +192,13 @@ def test_a_point_is_seen_by_15_percent_of_the_views_of_the_usual_one(seen_by, is
     seen[seen_by:, 3] = 0
     rows = point_votes(labels_by_hand(seen, seen), masks_of_views(40), [range(40)])[0]
     assert (3 in rows) == is_part
+
+
+@pytest.mark.parametrize(("offset", "is_part"), [(9, True), (11, False)])
+def test_the_depth_of_a_box_is_that_of_its_central_half(offset, is_part):
+    """A box of 40 pixels, at whose centre two points are: points beside them are central within 10 pixels."""
+    camera = Camera("PINHOLE", 200, 200, np.array([100.0, 100.0, 100.0, 100.0]))
+    box = Instance("1", 0, "chair", np.ones((40, 40), dtype=bool), (80, 80), from_box=True)
+    pixels = np.array([[100.0, 100.0], [101.0, 101.0], *[[100.0 + offset, 100.0]] * 3])
+    depths = np.array([1.0, 1.0, 5.0, 5.0, 5.0])  # a median of 5 with the other points, and of 1 without
+    assert _is_at_object(depths, pixels, box, camera).tolist() == [not is_part] * 2 + [is_part] * 3

@@ -10,6 +10,7 @@ import zlib
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pycolmap
@@ -17,8 +18,9 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from estimator.evidence import depth_maps
 from estimator.evidence.depth_maps import MetricDepth, frame_sd, network_sd
-from estimator.evidence.rig_baseline import RigBaseline, rig_baselines
+from estimator.evidence.rig_baseline import RigBaseline, parse_rig_baselines, rig_baselines
 from estimator.projection.cameras import pixels_in_view
 from estimator.records.objects import Measurements
 from estimator.records.scene import DenseCloud
@@ -300,3 +302,74 @@ def test_a_baseline_of_a_rig_is_a_length_above_zero(translation: list[float], is
     (tmp_path / "rig_config.json").write_text(json.dumps(rigs), encoding="utf-8")
     with nullcontext() if is_valid else pytest.raises(InputError, match="a translation that is not 0"):
         assert rig_baselines(tmp_path / "rig_config.json")[0].metres == 0.1
+
+
+@pytest.mark.parametrize(
+    ("name", "files", "found"),
+    [
+        ("b.jpg", ["b.npy"], "b.npy"),
+        ("a/b.jpg", ["a/b.npy", "b.npy"], "a/b.npy"),
+        ("a/b.jpg", ["b.npy"], "b.npy"),
+        ("a\\b.jpg", ["a/b.npy"], "a/b.npy"),
+        ("b.jpg", ["b_depth.png", "b/depth.exr"], "b_depth.png"),
+        ("b.jpg", ["b/depth.exr"], "b/depth.exr"),
+        ("../b.jpg", ["b.npy"], "b.npy"),
+        ("/x/b.jpg", ["b.npy"], "b.npy"),
+        ("b.jpg", ["c.npy"], None),
+    ],
+)
+def test_the_map_of_a_view(name: str, files: list[str], found: str | None, tmp_path: Path) -> None:
+    for file in files:
+        (tmp_path / "maps" / file).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / "maps" / file).touch()
+    (tmp_path / "b.npy").touch()  # outside of the folder
+    assert depth_maps._file(tmp_path / "maps", name) == (None if found is None else tmp_path / "maps" / found)
+
+
+def test_a_file_of_a_view_has_one_map(walk: Walk, nothing: Measurements, tmp_path: Path) -> None:
+    np.save(tmp_path / f"{Path(walk.scene.views[0].name).stem}.npy", np.ones((2, 4, 4)))
+    with pytest.raises(InputError, match=r"shape: expected \(h, w\), one channel"):
+        MetricDepth(tmp_path).observe(walk.scene, nothing)
+
+
+def test_the_cameras_of_a_rig_are_at_two_places(walk: Walk, nothing: Measurements) -> None:
+    views = tuple(replace(walk.scene.views[0], name=f"{folder}/a.png") for folder in ("left", "right"))
+    row = one(RigBaseline("left", "right", RIG_M).observe(replace(walk.scene, views=views), nothing))
+    assert (row.scale, row.reason) == (None, "both cameras are at one place")
+
+
+@pytest.mark.parametrize(
+    ("text", "length"),
+    [
+        ("left:right:12cm", 0.12),
+        ("left:right:0.12", 0.12),
+        ("left:right:0", None),
+        ("left:right:-1", None),
+        ("left:right:inf", None),
+        ("left:right", None),
+        ("left:right:x", None),
+    ],
+)
+def test_the_words_of_a_baseline(text: str, length: float | None) -> None:
+    with nullcontext() if length else pytest.raises(InputError, match="A:B:DISTANCE"):
+        (found,) = parse_rig_baselines(text)
+        assert (found.first, found.second, found.metres) == ("left", "right", pytest.approx(length))
+
+
+@pytest.mark.parametrize(
+    ("second", "message"),
+    [
+        ({}, "three numbers at a camera of one rig or more"),
+        ({"cam_from_rig_translation": [1, 2]}, "cam_from_rig_translation: expected three numbers"),
+        ({"cam_from_rig_translation": [1, 2, "x"]}, "cam_from_rig_translation: expected three numbers"),
+        ({"cam_from_rig_translation": [3, 0, 4]}, None),
+        ({"image_prefix": "", "cam_from_rig_translation": [3, 0, 4]}, "an image_prefix each, and one ref_sensor"),
+        ({"image_prefix": 7, "cam_from_rig_translation": [3, 0, 4]}, "an image_prefix each, and one ref_sensor"),
+        ({"ref_sensor": True, "cam_from_rig_translation": [3, 0, 4]}, "an image_prefix each, and one ref_sensor"),
+    ],
+)
+def test_cameras_of_a_rig_configuration(second: dict[str, Any], message: str | None, tmp_path: Path) -> None:
+    cameras = [{"image_prefix": "a/", "ref_sensor": True}, {"image_prefix": "b/"} | second]
+    (tmp_path / "rig_config.json").write_text(json.dumps([{"cameras": cameras}]), encoding="utf-8")
+    with nullcontext() if message is None else pytest.raises(InputError, match=message):
+        assert parse_rig_baselines(str(tmp_path / "rig_config.json")) == (RigBaseline("a/", "b/", 5.0),)

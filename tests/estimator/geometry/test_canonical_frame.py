@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from estimator.geometry.canonical_frame import canonical_frame, normalise_scene
 from estimator.pipeline import measure_objects
-from estimator.records.scene import DenseCloud
+from estimator.records.scene import Camera, DenseCloud, View
 from tests.synthetic.shapes import box, cylinder, floor, orbit, synthetic_scene
 
 #: Largest change of a log size: rounding in another order; in another frame a few points on borders of cells, which
@@ -150,3 +150,18 @@ def test_cameras_all_around_have_a_frame_too():
     ).scene.views
     basis = canonical_frame(views).basis
     assert np.allclose(basis @ basis.T, np.eye(3))
+
+
+@pytest.mark.parametrize(("length", "is_direction"), [(0.9e-3, False), (1.1e-3, True)])
+def test_the_mean_direction_of_the_cameras_is_longer_than_a_thousandth(length, is_direction):
+    """Level cameras that look along y and back, and a little along x; the most distant ones are at -x."""
+    views = []
+    for index, angle in enumerate((np.pi / 2 - length, np.pi / 2 - length, -np.pi / 2 + length, -np.pi / 2 + length)):
+        ahead = np.array([np.cos(angle), np.sin(angle), 0])
+        rotation = np.stack([np.cross(np.array([0, 0, -1.0]), ahead), np.array([0, 0, -1.0]), ahead])
+        centre = np.array([-3.0 if index == 0 else 1.0, 0.1 * index, 0])
+        camera = Camera("PINHOLE", 40, 30, np.array([30.0, 30.0, 20.0, 15.0]))
+        seen = np.empty(0, dtype=np.int64)
+        views.append(View(str(index), camera, rotation, -rotation @ centre, np.empty((0, 2)), seen))
+    x_axis = canonical_frame(views).basis[0]
+    assert x_axis[0] == pytest.approx(1.0 if is_direction else -1.0, abs=0.1)

@@ -303,3 +303,13 @@ def test_a_top_outlines_an_extent_of_at_least_half_the_height(height, needs_exce
 def test_the_excess_of_the_only_view_is_known(excess: float, truncated: bool) -> None:
     """Of a photograph, or of an object with one mask."""
     assert (SideVisibility(np.ones((1, 3, 2), dtype=bool), np.full((1, 3, 2), excess)).truncated == truncated).all()
+
+
+@pytest.mark.parametrize(("inwards", "truncated"), [(0.1, True), (0.14, False)])
+def test_the_outer_outline_is_an_eighth_of_the_extent(inwards, truncated):
+    """On each side of `OUTER_FRACTION` of 0.12: the part of the outline at the border is this far from its end."""
+    near = np.column_stack([np.full(101, 124.0 - 48 * inwards), Y])
+    outline = np.vstack([OUTLINE, near])
+    is_at_border = np.repeat([False, False, True], 101)
+    sides = sides_in_two_views(AHEAD, outline, is_at_border)
+    assert sides.truncated[0].tolist() == [False, truncated]

@@ -1,11 +1,14 @@
 """Masks that are larger or smaller than their objects, by the points near their borders."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
 import pytest
+from scipy.sparse import csr_array
 
+from estimator.association import mask_checks
 from estimator.association.mask_checks import (
     continuity_warnings,
     depth_continuity,
@@ -16,7 +19,7 @@ from estimator.association.mask_checks import (
     straight_fractions,
     straight_warnings,
 )
-from estimator.association.point_labels import sparse_labels
+from estimator.association.point_labels import PointLabels, sparse_labels
 from estimator.association.tracks import shared_tracks
 from estimator.records.scene import Camera, Instance, View
 from tests.synthetic.rooms.furnish import furnished_room
@@ -187,3 +190,20 @@ def test_a_side_is_straight_if_three_fifths_of_it_are_in_the_mask(mask: Instance
     assert fractions[0] == pytest.approx(left, nan_ok=True)
     if not np.isnan(left):
         assert fractions[1:].tolist() == [0.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize(("n_observations", "is_known"), [(49, False), (51, True)])
+def test_rims_have_100_observations_by_other_views(n_observations, is_known, monkeypatch):
+    """MIN_RIM_OBSERVATIONS: of each of two masks so many points are in the rim, and a fifth of them in the other."""
+    n = 2 * n_observations
+    inside = np.zeros((2, n))
+    inside[0, :n_observations] = inside[1, n_observations:] = 1
+    inside[:, ::5] = 1
+    member, seen = csr_array(inside), csr_array(np.ones((2, n)))
+    labels = PointLabels(np.zeros((n, 3)), np.arange(n), member, seen, seen, member)
+    masks = [Instance(str(view), view, "chair", np.ones((1, 1), dtype=bool), (0, 0)) for view in (0, 1)]
+    views = [SimpleNamespace(point_index=np.arange(n)) for _ in masks]
+    rims = [np.arange(n_observations), np.arange(n_observations, n)]
+    monkeypatch.setattr(mask_checks, "_border_observations", lambda _, mask: (rims[mask.view], rims[mask.view][:0]))
+    agreement = rim_agreement(views, labels, masks, [(0, 1)])
+    assert agreement == pytest.approx((0.2 if is_known else np.nan, np.nan), nan_ok=True, abs=0.01)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contextlib import nullcontext
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import cv2
@@ -14,7 +15,7 @@ from onnx import TensorProto, helper, numpy_helper
 from PIL import Image
 
 from estimator.detectors.detector import load_detector
-from estimator.detectors.one_stage import class_names
+from estimator.detectors.one_stage import class_names, one_stage_form
 from metric_base.errors import InputError
 
 SIDE = 64
@@ -285,3 +286,39 @@ def test_candidates_and_detections_of_an_image_are_limited(
     detector = load_detector(_graph(tmp_path / "net.onnx", {"output0": rows}))
     with nullcontext() if message is None else pytest.raises(InputError, match=message):
         assert len(detector(np.zeros((HEIGHT, WIDTH, 3), dtype=np.uint8)).labels) == n_apart
+
+
+@pytest.mark.parametrize(
+    ("shapes", "form"),
+    [
+        ([(1, 5, 8400)], "yolo"),
+        ([(1, 4, 8400)], None),  # a box without a class
+        ([(1, 8400, 5)], "detr"),
+        ([(1, 8400, 4)], None),
+        ([(1, 300, 6)], "yolo-end"),
+        ([(1, 300, 7)], "detr"),
+        ([("n", 300, 6)], "yolo-end"),
+        ([(2, 300, 6)], None),
+        ([(1, "n", 8)], "detr"),
+        ([(1, 116, 8400), (1, 32, 160, 160)], "yolo"),
+        ([(1, 300, 38), (1, 32, 160, 160)], "yolo-end"),
+        ([(1, 300, 39), (1, 32, 160, 160)], "yolo"),
+        ([(1, 300, 4), (1, 300, 91)], "detr-logits"),
+        ([(1, 300, 4), (1, 300, 4)], None),
+        ([(1, 300, 5), (1, 300, 91)], None),
+        ([(1, 300), (1, 300), (1, 300, 4)], "detr-authors"),
+        ([(1, 300), (1, 300), (1, 300, 5)], None),
+    ],
+)
+def test_the_form_of_a_graph_by_its_outputs(shapes: list[tuple[int | str, ...]], form: str | None) -> None:
+    outputs = [SimpleNamespace(name=str(index), shape=list(shape)) for index, shape in enumerate(shapes)]
+    assert one_stage_form(outputs) == form
+
+
+@pytest.mark.parametrize(("rank", "form"), [(2, "rtmdet"), (3, "rfdetr")])
+def test_the_form_of_a_graph_by_the_names_of_its_outputs(rank: int, form: str) -> None:
+    named = {"dets": (1, 300, 5), "labels": (1, 300, 91)[:rank], "masks": (1, 300, 20, 20)}
+    outputs = [SimpleNamespace(name=name, shape=list(shape)) for name, shape in named.items()]
+    assert one_stage_form(outputs) == form
+    outputs[0].shape = [300, 5]
+    assert one_stage_form(outputs) is None

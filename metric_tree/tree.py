@@ -334,10 +334,7 @@ class Tree:
 
     def _size_entry(self, node: Node) -> tuple[dict[str, Any], Prior | None]:
         """Return the columns of a node for a table, and its default prior or None."""
-        try:
-            prior = node.prior()
-        except NoPrior:
-            prior = None
+        prior = node.prior() if node.prior_dims else None
         return {name: getattr(node, name) for name in ("node_id", "name", "level", "tier", "n_items")}, prior
 
     def to_pandas(self, vocabulary: str | None = None) -> Any:

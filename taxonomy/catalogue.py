@@ -11,6 +11,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from pathlib import Path
+from typing import Any
 
 from metric_base.errors import expect, in_file
 from metric_base.folders import taxonomy_directory
@@ -135,60 +136,31 @@ class Catalogue:
 
         A leaf whose name another node has gets the name of its kind in brackets.
         """
-        nodes = self.levels.nodes
-        categories = [
-            Category(
-                node_id=node.node_id,
-                name=node.name,
-                synset=_synset(node.node_id),
-                parent_id=node.parent_id,
-                level=node.level,
-                path=self._names(node.node_id),
-                hypernyms=self._words.hypernyms(node.node_id),
-                aliases=self._aliases(node.node_id, node.name, ()),
-                pose=node.pose,
-                dims=node.dims,
-            )
-            for node in nodes.values()
-        ]
+        nodes, categories = self.levels.nodes, list[Category]()
+
+        def add(node_id: str, name: str, parent: str | None, above: tuple[str, ...], **other: Any) -> None:
+            path = (*(self._names(parent) if parent else ()), name)
+            place: dict[str, Any] = {"parent_id": parent, "path": path, "hypernyms": above}
+            categories.append(Category(node_id=node_id, name=name, synset=_synset(node_id), **place, **other))
+
+        for node in nodes.values():
+            own = {"level": node.level, "pose": node.pose, "dims": node.dims}
+            aliases = self._aliases(node.node_id, node.name, ())
+            add(node.node_id, node.name, node.parent_id, self._hypernyms(node.node_id), aliases=aliases, **own)
         for leaf in self.leaves.values():
             kind = nodes[leaf.parent_id]
-            categories.append(
-                Category(
-                    node_id=leaf.node_id,
-                    name=leaf.name,
-                    synset=_synset(leaf.node_id),
-                    parent_id=kind.node_id,
-                    level=LEAF,
-                    path=(*self._names(kind.node_id), leaf.name),
-                    hypernyms=self._hypernyms(leaf.node_id),
-                    aliases=self._aliases(leaf.node_id, leaf.name, leaf.aliases),
-                    pose=leaf.pose or kind.pose,
-                    dims=leaf.dims or kind.dims,
-                )
-            )
+            own = {"level": LEAF, "pose": leaf.pose or kind.pose, "dims": leaf.dims or kind.dims}
+            aliases = self._aliases(leaf.node_id, leaf.name, leaf.aliases)
+            add(leaf.node_id, leaf.name, kind.node_id, self._hypernyms(leaf.node_id), aliases=aliases, **own)
         for node in nodes.values():
-            home = self.levels.home_of(node.node_id)
-            if home is None:
-                continue
-            synset = _synset(node.node_id)
-            # the word of a source is `lighter`, and not `lighter, match and tobacco`
-            is_joined = "," in node.name or " and " in node.name
-            word = node.node_id.partition(".")[0].replace("_", " ") if is_joined and synset else node.name
-            name = f"{word} (unspecified)"
-            categories.append(
-                Category(
-                    node_id=node.node_id + OTHER,
-                    name=name,
-                    synset=None,
-                    parent_id=home,
-                    level=LEAF,
-                    path=(*self._names(home), name),
-                    hypernyms=tuple(filter(None, (synset, *self._words.hypernyms(node.node_id)))),
-                    pose=node.pose,
-                    dims=node.dims,
-                )
-            )
+            if (home := self.levels.home_of(node.node_id)) is not None:
+                synset = _synset(node.node_id)
+                # the word of a source is `lighter`, and not `lighter, match and tobacco`
+                is_joined = "," in node.name or " and " in node.name
+                word = node.node_id.partition(".")[0].replace("_", " ") if is_joined and synset else node.name
+                above = tuple(filter(None, (synset, *self._hypernyms(node.node_id))))
+                own = {"level": LEAF, "pose": node.pose, "dims": node.dims}
+                add(node.node_id + OTHER, f"{word} (unspecified)", home, above, **own)
         counts = Counter(category.name.casefold() for category in categories)
         for index, category in enumerate(categories):
             if category.level == LEAF and counts[category.name.casefold()] > 1:
@@ -234,13 +206,9 @@ def default_catalogue(directory: Path | None = None) -> Catalogue:
     leaves = []
     for place, row in table_rows(folder / "leaves.csv", _LEAVES, BadLevels):
         with in_file(place, BadLevels):
-            cells = {
-                "hypernym": row["hypernym"] or None,
-                "pose": row["pose"] or None,
-                "dims": parse_dims(row["dims"]) if row["dims"] else None,
-                "aliases": list(filter(None, row["aliases"].split("; "))),
-            }
-            leaves.append(record_of(row | cells, Leaf, cells=True))
+            aliases, dims = row["aliases"] and row["aliases"].split("; "), row["dims"] and parse_dims(row["dims"])
+            values = row | {"aliases": aliases, "dims": dims}
+            leaves.append(record_of({name: cell for name, cell in values.items() if cell}, Leaf, cells=True))
     inserted = insertions(folder / "insertions.jsonl")
     levels = frozen_levels(folder / "levels.csv")
     return Catalogue(

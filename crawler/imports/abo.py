@@ -27,13 +27,11 @@ _AXES = ("length", "width", "height")
 _BOUNDS_MM = (2.0, 6000.0)
 
 #: Codes of departments and of goods sold by volume, which are not kinds of objects.
-_NOT_AN_OBJECT = frozenset(
-    {
-        "ACCESSORY", "BABY_PRODUCT", "BEAUTY", "GROCERY", "HARDWARE", "HEALTH_PERSONAL_CARE", "HOME",
-        "HOME_FURNITURE_AND_DECOR", "JANITORIAL_SUPPLY", "KITCHEN", "LUXURY_BEAUTY", "OFFICE_PRODUCTS",
-        "OUTDOOR_LIVING", "PET_SUPPLIES", "SPORTING_GOODS", "TOOLS", "TOYS_AND_GAMES", "WIRELESS_ACCESSORY",
-    }
-)  # fmt: skip
+_NOT_AN_OBJECT = frozenset({
+    "ACCESSORY", "BABY_PRODUCT", "BEAUTY", "GROCERY", "HARDWARE", "HEALTH_PERSONAL_CARE", "HOME",
+    "HOME_FURNITURE_AND_DECOR", "JANITORIAL_SUPPLY", "KITCHEN", "LUXURY_BEAUTY", "OFFICE_PRODUCTS",
+    "OUTDOOR_LIVING", "PET_SUPPLIES", "SPORTING_GOODS", "TOOLS", "TOYS_AND_GAMES", "WIRELESS_ACCESSORY",
+})  # fmt: skip
 
 #: Value of mandatory fields that a seller has not measured.
 _UNFILLED = 1.0

@@ -50,14 +50,9 @@ def import_source(source: Source, folder: Path) -> Import:
     folder : Path
         Folder of its files, or the one file.
     """
-    items: list[RawItem] = []
-    rejected: list[RowRejected] = []
-    for outcome in row_items(source, folder):
-        if isinstance(outcome, RowRejected):
-            rejected.append(outcome)
-        else:
-            items.append(outcome)
-    n_rows = len(items) + len(rejected)
+    outcomes = list(row_items(source, folder))
+    rejected = tuple(one for one in outcomes if isinstance(one, RowRejected))
+    items = [one for one in outcomes if isinstance(one, RawItem)]
     kept = _without_copies(items) if source.collapse else items
     kept = _one_per_title(kept) if source.one_per_title else kept
     drawn = list(_sample(kept, source.per_category)) if source.per_category else kept
@@ -67,7 +62,7 @@ def import_source(source: Source, folder: Path) -> Import:
         seen[item.source_id] += 1
         times = seen[item.source_id]
         unique.append(replace(item, source_id=f"{item.source_id}#{times}") if times > 1 else item)
-    return Import(source, tuple(unique), tuple(rejected), n_rows, n_out)
+    return Import(source, tuple(unique), rejected, len(outcomes), n_out)
 
 
 def row_items(source: Source, folder: Path) -> Iterator[RawItem | RowRejected]:

@@ -110,9 +110,8 @@ def _structured_data(page: Page, has_category: bool) -> list[Mapping[str, Any]]:
     has_category = has_category or any(_is(node, "BreadcrumbList") for node in nodes)
     if (has_product and has_category) or "itemtype" not in page.text or not _USEFUL_TYPE.search(page.text):
         return nodes
-    with suppress(
-        ValueError, TypeError, RecursionError
-    ):  # invalid markup makes the microdata useless, but not the page
+    # invalid markup makes the microdata useless, but not the page
+    with suppress(ValueError, TypeError, RecursionError):
         for item in _microdata_reader().extract_items(page.root, page.url):
             properties = item.get("properties")
             if isinstance(properties, dict):

@@ -131,9 +131,7 @@ def _shape_findings(node_id: str, distinct: FloatArray) -> Iterator[Finding]:
 def _source_findings(items: pa.Table, node_id: str, sizes: FloatArray) -> Iterator[Finding]:
     """Check for sources whose medians of sizes (n, 3) differ by more than `SOURCE_FACTOR` (W313)."""
     sources = items["source"].to_numpy(zero_copy_only=False).astype(str)
-    medians = {
-        source: _medians(sizes[own]) for source, own in _groups(sources) if len(own) >= unit_errors.MIN_REFERENCE_ROWS
-    }
+    medians = _medians_by(sources, sizes)
     for one, other in pairwise(sorted(medians)):
         difference = np.abs(np.log(medians[one] / medians[other]))
         if np.any(difference > np.log(SOURCE_FACTOR)):  # False if NaN
@@ -148,11 +146,7 @@ def _sibling_findings(nodes: pa.Table, node_ids: NDArray[np.str_], extents: Floa
     node_ids : (n,) of the items; extents : (n, 3) mm, longest first, NaN beyond the last.
     """
     parents = dict(zip(nodes["node_id"].to_pylist(), nodes["parent_id"].to_pylist(), strict=True))
-    medians = {
-        node_id: _medians(extents[rows])
-        for node_id, rows in _groups(node_ids)
-        if len(rows) >= unit_errors.MIN_REFERENCE_ROWS
-    }
+    medians = _medians_by(node_ids, extents)
     for family in grouped((parents.get(node_id), node_id) for node_id in medians).values():
         for node_id in family:
             others = np.array([np.log(medians[other]) for other in family if other != node_id])
@@ -183,6 +177,12 @@ def _medians(sizes: FloatArray) -> FloatArray:
     """Return the medians (d,) of sizes (n, d), NaN for axes that no row states; no warning, unlike `nanmedian`."""
     known = np.any(np.isfinite(sizes), axis=0)
     return np.array([np.nanmedian(sizes[:, axis]) if known[axis] else np.nan for axis in range(sizes.shape[1])])
+
+
+def _medians_by(keys: NDArray[np.str_], sizes: FloatArray) -> dict[str, FloatArray]:
+    """Return the medians (d,) of the sizes (n, d) of each key (n,) with at least `MIN_REFERENCE_ROWS` rows."""
+    groups = _groups(keys)
+    return {key: _medians(sizes[rows]) for key, rows in groups if len(rows) >= unit_errors.MIN_REFERENCE_ROWS}
 
 
 def _groups(keys: NDArray[np.str_]) -> Iterator[tuple[str, NDArray[np.int64]]]:

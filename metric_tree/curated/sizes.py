@@ -20,6 +20,7 @@ from crawler.items import RawItem
 from metric_base.errors import Unquoted, expect, in_file
 from metric_base.folders import taxonomy_directory
 from metric_base.records import read_csv
+from metric_tree.variants import Millimetres, Text
 from taxonomy.levels import DIMENSIONS, BadLevels
 
 Row = TypeVar("Row")
@@ -36,8 +37,6 @@ _DIRECTORY = taxonomy_directory().parent / "curated"
 
 #: A date. A comma without quotes moves the cells of a row, so that the last cell is not a date.
 Date: TypeAlias = Annotated[str, msgspec.Meta(pattern=r"^\d{4}(-\d\d){0,2}$")]
-Text: TypeAlias = Annotated[str, msgspec.Meta(min_length=1)]
-Millimetres: TypeAlias = Annotated[float, msgspec.Meta(gt=0, le=1e9)]
 
 
 class BadRange(BadLevels):

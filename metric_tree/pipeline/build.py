@@ -58,11 +58,7 @@ from metric_tree.pipeline.tables import (
     source_records,
     tier_counts,
 )
-from metric_tree.pipeline.work_folder import (
-    BuildFolder,
-    SerialExecutor,
-    fingerprint,
-)
+from metric_tree.pipeline.work_folder import BuildFolder, SerialExecutor, fingerprint
 from metric_tree.prior import Prior
 from metric_tree.release.release import Release, publish_release
 from metric_tree.release.schema import IMAGES

@@ -14,6 +14,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -54,12 +55,8 @@ class CollectedImages:
 def image_record_files(paths: Iterable[Path]) -> list[Path]:
     """Return the files of image records in and below the given folders, and next to the given files."""
     pattern = "pictures-*.jsonl"
-    files = {
-        file: None
-        for path in paths
-        for file in sorted(path.rglob(pattern) if path.is_dir() else path.parent.glob(pattern))
-    }
-    return [file for file in files if _SEGMENT.fullmatch(file.name)]
+    found = (sorted(path.rglob(pattern) if path.is_dir() else path.parent.glob(pattern)) for path in paths)
+    return [file for file in dict.fromkeys(chain(*found)) if _SEGMENT.fullmatch(file.name)]
 
 
 def collect_images(files: Sequence[Path], items: pa.Table, folder: Path) -> CollectedImages:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from metric_base.arrays import grouped
 from metric_base.files import whole_folder
 from metric_base.records import csv_text
 from metric_tree.prior import QUANTILES, Prior
@@ -44,13 +44,7 @@ _TEMPLATES = Path(__file__).with_name("templates")
 _CONTEXT = Path(__file__).with_name("croissant_context.json")
 
 #: Croissant types by Arrow type.
-_CROISSANT_TYPES = {
-    "string": "sc:Text",
-    "double": "sc:Float",
-    "int64": "sc:Integer",
-    "int32": "sc:Integer",
-    "int8": "sc:Integer",
-}
+_CROISSANT_TYPES = {"string": "sc:Text", "double": "sc:Float"} | dict.fromkeys(("int64", "int32", "int8"), "sc:Integer")
 
 
 _SOURCE = ("id", "title", "url", "licence", "attribution", "kind", "n_fit", "n_rows", "withheld", "noncommercial")
@@ -137,15 +131,11 @@ def without_maps(table: pa.Table) -> pa.Table:
 def licence_rows(tree: Tree) -> list[tuple[str, str, int, str]]:
     """Return licence, sources, shipped rows and attribution, the most rows first."""
     items = tree.release.table("items").select(["licence", "source"]).to_pydict()
-    rows = Counter(licence or "unstated" for licence in items["licence"])
-    sources: dict[str, set[str]] = {}
-    for licence, source in zip(items["licence"], items["source"], strict=True):
-        sources.setdefault(licence or "unstated", set()).add(source)
+    rows = grouped((licence or "unstated", source) for licence, source in zip(*items.values(), strict=True))
     owed = {row["id"]: row.get("attribution") or row["title"] for row in tree.release.manifest["sources"]}
-    return [
-        (name, " ".join(sorted(sources[name])), n, "; ".join(owed.get(one, one) for one in sorted(sources[name])))
-        for name, n in rows.most_common()
-    ]
+    counted = [(licence, sorted(set(given)), len(given)) for licence, given in rows.items()]
+    counted.sort(key=lambda row: -row[2])
+    return [(name, " ".join(given), n, "; ".join(owed.get(one, one) for one in given)) for name, given, n in counted]
 
 
 def texts(tree: Tree, licences: list[tuple[str, str, int, str]] | None = None) -> dict[str, str]:

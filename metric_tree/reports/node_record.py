@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from metric_tree.context import Where
-from metric_tree.node import Node, NoPrior
+from metric_tree.node import Node
 from metric_tree.prior import ARRAYS, QUANTILES, Prior
 from metric_tree.reports.description import is_heterogeneous, node_sentence, shipped_evidence
 from metric_tree.variants import Variant
@@ -19,12 +19,7 @@ def node_record(node: Node, dims: tuple[str, ...] | None = None, where: Where | 
     NoPrior
         No prior has the requested dimensions.
     """
-    try:
-        prior = node.prior(dims, where)
-    except NoPrior:
-        if dims is not None:
-            raise
-        prior = None
+    prior = node.prior(dims, where) if node.prior_dims or dims is not None else None
     record: dict[str, Any] = {
         "schema": "metric-tree/query/1",
         "tree": {"name": node.tree.name, "version": node.tree.version},

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from metric_base.images import read_picture
 from metric_tree.axes import AXES
-from metric_tree.node import Node, NoPrior
+from metric_tree.node import Node
 from metric_tree.release.images import image_path
 from metric_tree.training.annotations import BadAnnotations
 from metric_tree.training.classes import Classes
@@ -136,14 +136,12 @@ def shown_sizes(item: dict[str, Any], node: Node, seed: int) -> tuple[str, tuple
     if len(known) > 1 and node.pose != "upright":
         return "longest", (max(known),)
     for one in (node, *node.ancestors()):
-        try:
+        if one.prior_dims:
             prior = one.prior()
-        except NoPrior:
-            continue
-        drawn = prior.sample(MAX_DRAWS, seed)
-        if node.pose == "upright" and "height" in prior.dims:
-            return "height", tuple(drawn[:, prior.dims.index("height")].tolist())
-        return "longest", tuple(np.max(drawn, axis=1).tolist())
+            drawn = prior.sample(MAX_DRAWS, seed)
+            if node.pose == "upright" and "height" in prior.dims:
+                return "height", tuple(drawn[:, prior.dims.index("height")].tolist())
+            return "longest", tuple(np.max(drawn, axis=1).tolist())
     return "longest", ()
 
 

@@ -115,11 +115,8 @@ def export_dataset(
 
 def matching_entry(image: AnnotatedImage, classes: Classes, lists: tuple[str, ...], val_share: float) -> Entry | None:
     """Return the entry of an image of another set; None without objects of the classes, or if its file is missing."""
-    annotations = []
-    for one in image.objects:
-        category = classes.of_label(one.names, lists)
-        if category is not None:
-            annotations.append(one.record(category))
+    classed = [(one, classes.of_label(one.names, lists)) for one in image.objects]
+    annotations = [one.record(category) for one, category in classed if category is not None]
     if not annotations or not image.file.is_file():
         return None
     record = {"file_name": str(image.file.resolve()), "width": image.width, "height": image.height}

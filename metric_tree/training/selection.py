@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +26,7 @@ from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
 from metric_base.folders import taxonomy_directory
 from metric_base.parsing import table_rows
-from metric_tree.node import Node, NoPrior
+from metric_tree.node import Node
 from metric_tree.prior import Prior
 from metric_tree.tree import Tree
 from taxonomy.label_lists import vocabulary
@@ -90,11 +90,8 @@ def candidates(tree: Tree) -> list[CategoryCandidate]:
     named |= {node_id for _, node_id in paper_selection()}
     ranked = []
     for node in tree:
-        if node.node_id in named:
-            try:
-                prior = node.prior()
-            except NoPrior:
-                continue
+        if node.node_id in named and node.prior_dims:
+            prior = node.prior()
             nats = narrowing(prior)
             sd = math.exp(math.log(math.log(SCALE_RANGE)) - nats) / math.sqrt(2 * math.pi * math.e)
             own_lists = tuple(lists.get(node.node_id, ()))
@@ -173,11 +170,11 @@ def narrowing(prior: Prior, noise: float = MEASUREMENT_SD, seed: int = 0) -> flo
         Seed of the objects that are drawn from the prior.
     """
     d = len(prior.dims)
-    covariance = prior.covariances + prior.disagreement() + noise**2 * np.eye(d)  # (k, d, d)
-    generator = np.random.default_rng(seed)
-    component = generator.choice(len(prior.weights), size=MAX_DRAWS, p=prior.weights / prior.weights.sum())
-    lower = np.linalg.cholesky(covariance)
-    y = prior.means[component] + np.einsum("nij,nj->ni", lower[component], generator.standard_normal((MAX_DRAWS, d)))
+    measured = replace(
+        prior, covariances=prior.covariances + noise**2 * np.eye(d), shared_covariance=prior.disagreement()
+    )
+    y = np.log(measured.sample(MAX_DRAWS, seed))  # (n, d)
+    covariance = measured.covariances + measured.shared_covariance  # (k, d, d)
     precision = np.linalg.inv(covariance)
     residual = prior.means[None] - y[:, None]  # (n, k, d)
     turned = np.einsum("kij,nkj->nki", precision, residual)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -94,8 +95,7 @@ class RedisFrontier:
         arguments: list[Any] = []
         for task in tasks:
             key = task.key or task_key(task.url, task.callback)
-            keyed = Task(task.url, task.callback, task.meta, task.priority, key)
-            arguments += [key, -task.priority, keyed.text()]
+            arguments += [key, -task.priority, replace(task, key=key).text()]
         keys = [self._keys[part] for part in ("seen", "tasks", "queue", "leases")]
         return int(self._add(keys=keys, args=arguments)) if arguments else 0
 
@@ -116,9 +116,7 @@ class RedisFrontier:
 
     def commit(self, outcome: Outcome) -> int:
         """Write the items to the file of this worker, then the links and the completion to Redis."""
-        new = self._items.commit(
-            Outcome(outcome.key, outcome.items, pictures=outcome.pictures, max_items=outcome.max_items)
-        )
+        new = self._items.commit(replace(outcome, tasks=(), failure=None))
         self.add(outcome.tasks)
         pipe = self._redis.pipeline(transaction=True)
         pipe.zrem(self._keys["leases"], outcome.key)

@@ -6,6 +6,7 @@ import json
 import sqlite3
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 from urllib.parse import quote
@@ -118,10 +119,9 @@ class SqliteFrontier:
         for task in tasks:
             key = task.key or task_key(task.url, task.callback)
             self._number += 1
-            keyed = Task(task.url, task.callback, task.meta, task.priority, key)
             added += self._connection.execute(
                 "INSERT OR IGNORE INTO tasks (key, state, priority, number, text) VALUES (?, ?, ?, ?, ?)",
-                (key, WAITING, task.priority, self._number, keyed.text()),
+                (key, WAITING, task.priority, self._number, replace(task, key=key).text()),
             ).rowcount
         return added
 

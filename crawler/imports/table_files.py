@@ -200,14 +200,11 @@ def _xls_rows(table: Table, path: Path) -> Iterator[Row]:
         sheet = xlrd.open_workbook(str(path), logfile=io.StringIO()).sheet_by_index(0)
     except Exception as error:  # noqa: BLE001 - xlrd raises any error for a damaged file
         raise BadTable(f"{path}: expected an Excel file (.xls); found {_one_line(error)}") from None
-    # Excel stores the model number 177 as 177.0
-    lines = [
-        [
-            str(int(cell)) if isinstance(cell, float) and cell.is_integer() else str(cell).strip()
-            for cell in sheet.row_values(i)
-        ]
-        for i in range(sheet.nrows)
-    ]
+
+    def text(cell: Any) -> str:  # Excel stores the model number 177 as 177.0
+        return str(int(cell)) if isinstance(cell, float) and cell.is_integer() else str(cell).strip()
+
+    lines = [list(map(text, sheet.row_values(row))) for row in range(sheet.nrows)]
     header = list(table.columns) or [" ".join(name.split()) for name in lines[table.skip_lines]]
     check_columns(table, header)
     for cells in lines[table.skip_lines + (0 if table.columns else 1) :]:

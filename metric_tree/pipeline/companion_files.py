@@ -117,15 +117,9 @@ def height_records(nodes: Container[str]) -> dict[str, dict[str, Any]]:
 
 def writers() -> list[dict[str, Any]]:
     """Return writer, date and number of rows of the norms and the judged ranges."""
-    counts = Counter(
-        (table, row.reviewer, row.written)
-        for table, rows in (("norms.csv", norms()), ("ranges.csv", curated_ranges()))
-        for row in rows
-    )
-    return [
-        {"table": table, "writer": writer, "date": date, "rows": n}
-        for (table, writer, date), n in sorted(counts.items())
-    ]
+    tables = (("norms.csv", norms()), ("ranges.csv", curated_ranges()))
+    counts = Counter((table, row.reviewer, row.written) for table, rows in tables for row in rows)
+    return [{"table": of[0], "writer": of[1], "date": of[2], "rows": n} for of, n in sorted(counts.items())]
 
 
 def write_texts(folder: Path, tables: Mapping[str, pa.Table], manifest: Mapping[str, Any], *, former: bool) -> None:
@@ -138,11 +132,8 @@ def write_texts(folder: Path, tables: Mapping[str, pa.Table], manifest: Mapping[
     for template in _TEMPLATES.iterdir():
         (folder / template.name).write_text(template.read_text(encoding="utf-8").format(**values), encoding="utf-8")
     if former:
-        table = successor_table(
-            former_nodes(),
-            frozenset(tables["nodes.parquet"]["node_id"].to_pylist()),
-            {**replaced_ids(), **OTHER_SENSES},
-        )
+        ids = frozenset(tables["nodes.parquet"]["node_id"].to_pylist())
+        table = successor_table(former_nodes(), ids, {**replaced_ids(), **OTHER_SENSES})
         pq.write_table(table, folder / "successors.parquet", compression="zstd")
 
 

@@ -39,15 +39,10 @@ def explanation(tree: Tree, item_id: str, raw: Sequence[Path] = (), log: Path | 
     ids = table["item_id"].to_pylist()
     row = table.slice(ids.index(item_id), 1).to_pylist()[0] if item_id in ids else None
     all_items = (item for file in raw_files(raw) for item in raw_items(file))
-    item = next((item for item in all_items if f"{item.source}:{item.source_id}" == item_id), None)
+    item = next((item for item in all_items if item.identity == item_id), None)
     if item is not None:
-        words = {
-            "source": item.source,
-            "title": item.title,
-            "category_path": " > ".join(item.category_path),
-            "synset": item.synset,
-            "kind": item.kind,
-        }
+        words = {name: getattr(item, name) for name in ("source", "title", "category_path", "synset", "kind")}
+        words["category_path"] = " > ".join(item.category_path)
         match = match_record(item.source, item.category_path, item.title, item.synset)
     elif row is not None:
         words = {"source": row["source"], "title": row["title"]}

@@ -120,14 +120,10 @@ class Hierarchy:
             axes, plain = AXES if upright >= 0.5 else EXTENTS, priors.get(f"{node_id}/other", ())
             sources = items[node_id]
             n_real = sum(trust[source] >= REAL_WITNESS for source in sources)
-            priors[node_id] = [
-                replace(
-                    one,
-                    n_sources=len(sources) or one.n_sources,
-                    evidence=one.evidence._replace(sources=max(n_real, one.evidence.sources)) if one.evidence else None,
-                )
-                for one in inner_priors(node_id, below, weights, axes, plain)
-            ]
+            priors[node_id] = []
+            for one in inner_priors(node_id, below, weights, axes, plain):
+                evidence = one.evidence and one.evidence._replace(sources=max(n_real, one.evidence.sources))
+                priors[node_id].append(replace(one, n_sources=len(sources) or one.n_sources, evidence=evidence))
         return priors
 
     def with_correlations(
@@ -138,9 +134,8 @@ class Hierarchy:
         The mean is weighted by items, and its variance includes the differences between the classes. Nodes without a
         known class have the prior of any class.
         """
-        known, default = shrunk_correlations(
-            {node_id: one.correlation for node_id, one in classes.items() if one.correlation is not None}
-        )
+        fitted = {node_id: one.correlation for node_id, one in classes.items() if one.correlation is not None}
+        known, default = shrunk_correlations(fitted)
         below: dict[str, list[tuple[int, IntraclassCorrelation]]] = {}
         for category in reversed(self.categories):
             node_id, parent = category.node_id, category.parent_id
@@ -156,11 +151,8 @@ class Hierarchy:
                 mean = float(weights @ values)
                 sd = float(np.sqrt(weights @ (variances + (values - mean) ** 2)))
                 correlations[node_id] = IntraclassCorrelation(mean, sd)
+        of = {node_id: correlations.get(node_id, default) for node_id in priors}
         return {
-            node_id: [
-                replace(prior, sameness=correlation.value, sameness_sd=correlation.sd)
-                for correlation in [correlations.get(node_id, default)]
-                for prior in rows
-            ]
+            node_id: [replace(one, sameness=of[node_id].value, sameness_sd=of[node_id].sd) for one in rows]
             for node_id, rows in priors.items()
         }

@@ -60,6 +60,8 @@ _RAW = re.compile(r"^(?!pictures-\d).*(?<!\.quarantine)\.jsonl(\.gz)?$")
 
 #: Rows between the steps of a build.
 ROWS = table_schema("ingested", "metric-tree/ingested/1")
+#: Columns that are fields of a raw item.
+_OF_ITEM = ["source", "source_id", "title", "year", "region", "licence", "flags", "attribution", "scene", "relative_sd"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -297,26 +299,16 @@ def _row(item: RawItem, loaded: _LoadedTaxonomy) -> tuple[dict[str, Any] | None,
         sd_of = range_sd if item.kind == "norm" else widened_sd  # the tolerance of a norm is exact
         by_size = {item.dimensions_mm.get(word): sd_of(low, high) for word, (low, high) in item.ranges_mm.items()}
         spreads = [by_size.get(extent, math.nan) for extent in sizes.extents]
-    return {
+    return {name: getattr(item, name) for name in _OF_ITEM} | {
         "item_id": item.identity,
         "hash": item_hash(item.identity),
         "node_id": node_id,
         "pose": pose,
-        "source": item.source,
-        "source_id": item.source_id,
-        "title": item.title,
         "length_mm": sizes.length,
         "width_mm": sizes.width,
         "height_mm": sizes.height,
         "extents_mm": sizes.extents,
         "range_sd": spreads,
         "kind": kind if item.statistic is None else "statistic",
-        "year": item.year,
-        "region": item.region,
         "url": item.url or None,
-        "licence": item.licence,
-        "flags": item.flags,
-        "attribution": item.attribution,
-        "scene": item.scene,
-        "relative_sd": item.relative_sd,
     }, ""

@@ -86,18 +86,12 @@ def source_records(
     records = []
     for name in sorted(used):
         source = declared.get(name, PROJECT_SOURCES.get(name))
-        record = {
-            "id": name,
-            "title": source.title if source else name,
-            "url": source.url if source else "",
-            "licence": source.licence if source else "none",
-            "attribution": source.attribution if source else "",
-            "kind": source.kind if source else "product",
-            "n_fit": n_fit.get(name, 0),
-            "n_rows": n_rows.get(name, 0),
-            "withheld": not (source and source.ship),
-        }
-        records.append(record | ({"noncommercial": True} if source and source.noncommercial else {}))
+        stated: dict[str, Any] = {"title": name, "url": "", "licence": "none", "attribution": "", "kind": "product"}
+        stated = {field: getattr(source, field) for field in stated} if source else stated
+        counts = {"n_fit": n_fit.get(name, 0), "n_rows": n_rows.get(name, 0)}
+        terms = {"withheld": not (source and source.ship)}
+        terms |= {"noncommercial": True} if source and source.noncommercial else {}
+        records.append({"id": name, **stated, **counts, **terms})
     return records
 
 

@@ -14,7 +14,7 @@ from pycocotools.coco import COCO
 
 from metric_base.errors import InputError
 from metric_cli.subcommands import main
-from metric_tree.node import NoPrior
+from metric_tree.axes import AXES
 from metric_tree.training.classes import Classes
 from metric_tree.training.composition import (
     Cutout,
@@ -257,11 +257,8 @@ def test_all_cut_outs_are_for_training_if_the_other_split_has_them(tmp_path: Pat
 
 
 def test_a_node_without_a_prior_has_that_of_its_ancestor_or_no_size() -> None:
-    def without(_: object = None) -> None:
-        raise NoPrior("none")
-
-    above: Any = SimpleNamespace(prior=lambda: prior("b", [[600.0, 500.0, 900.0]]))
-    node: Any = SimpleNamespace(pose="upright", prior=without, ancestors=lambda: (above,))
+    above: Any = SimpleNamespace(prior_dims=(AXES,), prior=lambda: prior("b", [[600.0, 500.0, 900.0]]))
+    node: Any = SimpleNamespace(pose="upright", prior_dims=(), ancestors=lambda: (above,))
     axis, sizes = shown_sizes({}, node, 0)
     assert (axis, len(sizes)) == ("height", 16)
     assert shown_sizes({"length_mm": 3.0, "width_mm": 9.0}, node, 0)[0] == "height"

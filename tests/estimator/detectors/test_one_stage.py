@@ -322,3 +322,15 @@ def test_the_form_of_a_graph_by_the_names_of_its_outputs(rank: int, form: str) -
     assert one_stage_form(outputs) == form
     outputs[0].shape = [300, 5]
     assert one_stage_form(outputs) is None
+
+
+@pytest.mark.parametrize(("length", "is_read"), [((1 << 20) - 1, True), (1 << 20, False)])
+def test_class_names_of_a_graph_have_less_than_a_mebibyte(length: int, is_read: bool) -> None:
+    names = class_names({"names": "['" + "a" * (length - 4) + "']"})
+    assert (names is not None) == is_read
+
+
+@pytest.mark.parametrize(("number", "n_names"), [(0, 2), (99_999, 100_001), (100_000, None), (-1, None)])
+def test_class_numbers_of_a_graph_are_below_100000(number: int, n_names: int | None) -> None:
+    names = class_names({"names": f"{{{number}: 'a'}}"})
+    assert (None if names is None else len(names)) == n_names

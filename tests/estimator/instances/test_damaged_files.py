@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from contextlib import nullcontext
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import cv2
@@ -12,10 +13,11 @@ import numpy as np
 import pytest
 
 from estimator.instances.instance_reader import instances_of_masks, read_instance_files
+from estimator.instances.view_matching import within_limits
 from estimator.instances.yolo import yolo_names
 from estimator.reconstructions.scene_reader import read_scene
-from estimator.records.scene import Scene
-from metric_base.errors import InputError
+from estimator.records.scene import Instance, Scene
+from metric_base.errors import FieldError, InputError
 from tests.synthetic.small_scene import write_small_scene
 
 
@@ -262,3 +264,18 @@ def test_results_of_sam_are_run_lengths(scene: Scene, tmp_path: Path) -> None:
     file.write_text(json.dumps([{"segmentation": [[1, 2, 3, 4, 5, 6]], "label": "a"}]))
     with pytest.raises(InputError, match="run lengths"):
         read_instance_files(scene, tmp_path)
+
+
+@pytest.mark.parametrize(("n_first", "n_second", "is_valid"), [(10_000, 10_000, True), (10_001, 0, False)])
+def test_an_image_has_at_most_10000_masks(n_first: int, n_second: int, is_valid: bool) -> None:
+    pixel = np.ones((1, 1), dtype=bool)
+    masks = [Instance("1", 0, "a", pixel, (0, 0))] * n_first + [Instance("1", 1, "a", pixel, (0, 0))] * n_second
+    with nullcontext() if is_valid else pytest.raises(FieldError, match="at most 10,000 of an image"):
+        assert len(list(within_limits([None, *masks]))) == n_first + n_second + 1
+
+
+@pytest.mark.parametrize(("n_bytes", "is_valid"), [(1 << 31, True), ((1 << 31) + 1, False)])
+def test_masks_of_a_scene_have_at_most_4_gibibytes(n_bytes: int, is_valid: bool) -> None:
+    masks: Any = [SimpleNamespace(view=row, mask=SimpleNamespace(nbytes=n_bytes)) for row in (0, 1)]
+    with nullcontext() if is_valid else pytest.raises(FieldError, match="pixels in all"):
+        assert len(list(within_limits(masks))) == 2

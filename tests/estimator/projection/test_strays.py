@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimator.projection.visibility import Visibility
+from estimator.projection.visibility import Visibility, project_unoccluded
 from estimator.records.scene import Camera, View
 from insertion.scene.point_cloud import ColouredPoints
 from insertion.scene.stray_points import stray_points
@@ -52,3 +52,12 @@ def test_a_cluster_in_the_air_goes_and_a_post_stays(width: float) -> None:
     assert len(left.points) == np.count_nonzero(~stray)
     for before, after in zip(seen_by, left.visibility.rows, strict=True):
         assert np.array_equal(points[before[~stray[before]]], left.points[after])
+
+
+@pytest.mark.parametrize(("ratio", "is_seen"), [(1.028, True), (1.032, False)])
+def test_a_point_is_seen_within_three_percent_of_the_nearest_of_its_cell(ratio: float, is_seen: bool) -> None:
+    """DEPTH_TOLERANCE, without a slant; of two points on one line of sight."""
+    camera = Camera("PINHOLE", 640, 480, np.array([600.0, 600.0, 320.0, 240.0]))
+    view = View("a", camera, np.eye(3), np.zeros(3), np.empty((0, 2)), np.empty(0, dtype=np.int64))
+    points = np.array([[0.0, 0, 2], [0, 0, 2 * ratio]])
+    assert project_unoccluded(view, points).rows.tolist() == ([0, 1] if is_seen else [0])

@@ -13,6 +13,7 @@ from estimator.records.options import EstimateOptions
 from estimator.records.result import ScaleEvidence
 from estimator.results.estimate import scale_of_objects
 from estimator.results.object_priors import resolve_categories
+from metric_base.errors import InputError
 from metric_tree.tree import Tree
 
 
@@ -74,3 +75,17 @@ def test_half_of_the_objects_as_outliers_is_a_warning(shipped: Tree, wrong: int,
     result = scale_of_objects(objects, shipped, EstimateOptions(evidence=evidence))
     assert [item.verdict for item in result.objects].count("outlier") == wrong
     assert any(f"{wrong} of 4 objects are outliers" in line for line in result.warnings) == warned
+
+
+@pytest.mark.parametrize("n_names", [50, 51])
+def test_50_unknown_names_are_searched_for_similar_ones(n_names: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    given = []
+
+    class Unknown:
+        def find(self, name: str, _: object, advice: bool) -> None:
+            given.append(advice)
+            raise InputError(name)
+
+    matches = resolve_categories(Unknown(), {str(number) for number in range(n_names)})  # type: ignore[arg-type]
+    assert len(matches) == n_names
+    assert given == [True] * 50 + [False] * (n_names - 50)

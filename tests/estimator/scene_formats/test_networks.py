@@ -190,12 +190,12 @@ def test_points_at_edges_and_of_low_confidence_are_dropped() -> None:
     camera = pinhole_camera((20, 10), (20.0, 20.0), (10.0, 5.0), {})
     view = View("a", camera, np.eye(3), np.zeros(3), np.empty((0, 2)), np.empty(0, np.int64))
     depth = np.full((1, 10, 20), 2.0)
-    depth[0, :, 10:] *= 1.05
+    depth[0, :, 10:] *= 1.044
     confidence = np.full((1, 10, 20), 5.0)
     confidence[0, :, :4] = 1.0
     assert len(depth_cloud([view], depth).points) == 10 * 18  # two columns next to the edge
     assert len(depth_cloud([view], depth, confidence).points) == 10 * 14
-    depth[0, :, 10:] *= 1.03 / 1.05
+    depth[0, :, 10:] *= 1.036 / 1.044
     assert len(depth_cloud([view], depth).points) == 10 * 20
 
 
@@ -238,3 +238,19 @@ def test_a_fifth_of_the_pixels_has_a_low_confidence(lowest: float, n_kept: int) 
     confidence = np.arange(1.0, 201.0).reshape(1, 10, 20)
     confidence[confidence <= 80] += lowest
     assert len(depth_cloud([view], np.full((1, 10, 20), 2.0), confidence).points) == n_kept
+
+
+@pytest.mark.parametrize(
+    ("log_ratio", "agreement", "n_views"), [(0.028, 1.0, 2), (0.032, 1.0, 1), (0.095, 1.0, 1), (0.105, 0.0, 1)]
+)
+def test_depths_of_two_maps_agree(log_ratio: float, agreement: float, n_views: int) -> None:
+    """DEPTH_TOLERANCE of 0.03 for a point that both views see, AGREEMENT_TOLERANCE of 0.1 for the convention."""
+    camera = pinhole_camera((20, 10), (20.0, 20.0), (10.0, 5.0), {})
+    views = [View(name, camera, np.eye(3), np.zeros(3), np.empty((0, 2)), np.empty(0, np.int64)) for name in "ab"]
+    depth = np.full((2, 10, 20), 2.0)
+    depth[1] *= np.exp(log_ratio)
+    assert networks._agreement(views, depth) == agreement
+    assert networks._agreement(views[:1], depth[:1]) == 0
+    cloud = depth_cloud(views, depth)
+    assert cloud.visible_offsets is not None
+    assert set(np.diff(cloud.visible_offsets).tolist()) == {n_views}

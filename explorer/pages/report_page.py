@@ -13,7 +13,7 @@ from markupsafe import Markup
 
 from explorer.charts.distributions import distribution
 from explorer.pages.release_pages import change_tables
-from explorer.pages.templating import Link, environment
+from explorer.pages.templating import environment, link_html
 from metric_base.errors import InputError
 from metric_tree.checks.release_files import CODES, findings
 from metric_tree.node import Node, NoPrior
@@ -63,7 +63,7 @@ def page(tree: Tree, against: Tree | None = None) -> str:
     leaves = Counter(node.path[1] for node in tree if not node.children and node.n_items)
     realms = sorted((node for node in tree if node.level == 2), key=lambda node: -node.n_items)
     evidence = tree.release.manifest.get("evidence") or {}
-    urls = {record["title"]: str(record.get("url") or "") for record in tree.release.manifest["sources"]}
+    urls = {record["title"]: record.get("url") for record in tree.release.manifest["sources"]}
     lists = [summary.coverage(tree, name) for name in vocabularies()]
     # 2. Number of findings, and examples, by code.
     counts = Counter(finding.code for finding in all_findings)
@@ -81,7 +81,7 @@ def page(tree: Tree, against: Tree | None = None) -> str:
             for name, group in evidence.items()
         ],
         realms=[(node.name, leaves[node.name], node.n_items) for node in realms],
-        sources=[(Link(title, urls[title]), *rest) for title, *rest in summary.source_counts(tree)],
+        sources=[(link_html(title, urls[title]), *rest) for title, *rest in summary.source_counts(tree)],
         known=summary.known_shares(tree),
         min_items=summary.MIN_ITEMS,
         coverage=[

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cache
 from html import escape
 from statistics import median
@@ -43,17 +42,6 @@ def main_dimension(dims: Any) -> str:
     return "height" if "height" in dims else next(iter(dims), "")
 
 
-@dataclass(frozen=True, slots=True)
-class Link:
-    """A cell whose text is a link, if its URL is a secure web address."""
-
-    text: str
-    url: str
-
-    def __str__(self) -> str:
-        return self.text
-
-
 def plain_html(text: object) -> Markup:
     """Return text as HTML: no markup, and no characters that hide or reverse the text next to them."""
     return Markup(escape(visible(str(text))))
@@ -65,11 +53,14 @@ def cell_text(cell: object) -> str:
 
 
 def cell_html(cell: object) -> Markup:
-    """Return the content of a cell as HTML."""
-    text = plain_html(cell_text(cell))
-    if isinstance(cell, Link) and cell.url.startswith("https://"):
-        return Markup('<a href="{}">{}</a>').format(plain_html(cell.url), text)
-    return text
+    """Return the content of a cell as HTML, which may be HTML already."""
+    return cell if isinstance(cell, Markup) else plain_html(cell_text(cell))
+
+
+def link_html(text: str, url: object) -> Markup:
+    """Return text as HTML, a link if the URL is a web address."""
+    address, shown = web_address(url), plain_html(text)
+    return Markup('<a href="{}">{}</a>').format(plain_html(address), shown) if address else shown
 
 
 def numeric_columns(rows: Sequence[Sequence[object]], n_columns: int) -> list[bool]:

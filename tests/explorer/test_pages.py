@@ -26,7 +26,7 @@ from explorer.pages.node_page import (
     whole_percents,
 )
 from explorer.pages.release_pages import change_tables, icicle, median_offset, source_page, vocabulary_page
-from explorer.pages.templating import Link, cell_html, environment, numeric_columns, web_address
+from explorer.pages.templating import cell_html, environment, link_html, numeric_columns, web_address
 from explorer.responses import node_response, prior_response
 from explorer.tables import csv_bytes, node_sizes_csv, parquet_bytes, sizes_table
 from metric_tree.prior import INTERVAL_QUANTILES
@@ -360,8 +360,8 @@ def test_the_offset_of_a_source_needs_enough_sizes(
 
 def test_cells_are_numbers_links_and_text() -> None:
     assert str(cell_html(1200)) == "1,200"
-    assert str(cell_html(Link("a", "https://x"))) == '<a href="https://x">a</a>'
-    assert str(cell_html(Link("a", "http://x"))) == "a"
+    assert str(cell_html(link_html("<a>", "https://x"))) == '<a href="https://x">&lt;a&gt;</a>'
+    assert [str(link_html("a", url)) for url in ("data:x", "", None)] == ["a"] * 3
     assert numeric_columns([("1", "70 (59%)", "a"), ("-3 %", 1200, "1")], 3) == [True, True, False]
     assert numeric_columns([], 1) == [False]
     assert web_address("http://x") == "http://x"

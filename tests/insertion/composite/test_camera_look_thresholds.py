@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from insertion.colour import linear_to_srgb
-from insertion.composite.camera_look import measure_blur, measure_gain, measure_look
+from insertion.composite.camera_look import blur_layer, measure_blur, measure_gain, measure_look
 from insertion.scene.point_cloud import ColouredPoints, VisiblePoints
 
 NO_POINTS = VisiblePoints(np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0), False)
@@ -74,3 +74,42 @@ def test_blur_is_0_35_to_4_pixels() -> None:
     assert np.linalg.eigvalsh(measure_blur(edge)).min() >= 0.35**2 - 1e-9
     assert np.sqrt(np.linalg.eigvalsh(measure_blur(cv2.GaussianBlur(edge, (0, 0), 3.0))).max()) < 3.9
     assert np.sqrt(np.linalg.eigvalsh(measure_blur(cv2.GaussianBlur(edge, (0, 0), 9.0))).max()) == pytest.approx(4.0)
+
+
+@pytest.mark.parametrize(("px", "is_blurred"), [(0.14, False), (0.16, True)])
+def test_a_blur_of_15_percent_of_a_pixel_is_applied(px: float, is_blurred: bool) -> None:
+    """The blur of the renderer, 0.35 pixels, is subtracted."""
+    layer = np.zeros((9, 9, 1), np.float32)
+    assert (blur_layer(layer, np.eye(2) * (0.35**2 + px**2)) is layer) != is_blurred
+
+
+@pytest.mark.parametrize(("side", "is_measured"), [(47, False), (50, True)])
+def test_a_direction_needs_400_pixels(side: int, is_measured: bool) -> None:
+    """A cone has gradients of all six directions; 17 by 17 sampled pixels stand for 433 of each, 16 by 16 for 384."""
+    y, x = np.mgrid[:side, :side] - (side - 1) / 2
+    blur = measure_blur(np.hypot(x + 0.3, y - 0.2).astype(np.float32))
+    assert np.allclose(blur, np.eye(2) * 0.35**2) != is_measured
+
+
+def grainy(widths: np.ndarray, texture: float = 0.0) -> np.ndarray:
+    """White grain (GRAIN_BINS, 3) that is measured in squares of these standard deviations, with stripes."""
+    noise = np.random.default_rng(6).normal(0, 1, (8, 8 * len(widths))) * np.repeat(widths, 8)
+    noise += texture * np.sin(2 * np.pi * np.arange(8 * len(widths)) / 8)
+    image = np.repeat(np.clip(np.rint(120 + noise), 0, 255).astype(np.uint8)[..., None], 3, axis=2)
+    return np.asarray(measure_look(image, NO_POINTS, NO_CLOUD).grain)
+
+
+def test_grain_has_8_levels_of_brightness() -> None:
+    assert grainy(np.full(20, 3.0)).shape == (8, 3)
+
+
+@pytest.mark.parametrize(("n_plain", "is_plain"), [(26, False), (34, True)])
+def test_grain_is_that_of_the_plainest_15_percent_of_the_squares(n_plain: int, is_plain: bool) -> None:
+    """Of 200 squares, this number has a standard deviation of 2 and the others one of 8."""
+    sigma = grainy(np.repeat([2.0, 8.0], [n_plain, 200 - n_plain]))[3, 0]
+    assert (sigma < 5) == is_plain
+
+
+def test_grain_is_at_most_2_6_times_its_finest_differences() -> None:
+    """Stripes have no diagonal differences; the plainest 15 % of the squares have fine differences of 1.8."""
+    assert grainy(np.full(200, 2.0), 25.0)[3, 0] == pytest.approx(2.6 * 1.82 / 0.59, rel=0.05)

@@ -406,3 +406,13 @@ def test_the_proxy_is_the_plane_unless_most_points_contradict_it() -> None:
     assert shadow_receivers.proxy_offset(where, *few, 6.0) == pytest.approx(0.0)  # five of nine are missing
     assert shadow_receivers.proxy_offset(where, *few, None) == pytest.approx(0.3, abs=1e-6)
     assert np.isnan(shadow_receivers.proxy_offset(where, pixels[:3], np.full(3, 0.3), None)).all()
+
+
+@pytest.mark.parametrize(
+    ("alpha", "share", "is_changed"),
+    [(0.0011, 1.0, True), (0.0009, 1.0, False), (0.0, 0.9989, True), (0.0, 0.9991, False)],
+)
+def test_pixels_change_by_a_thousandth_of_coverage_or_light(alpha: float, share: float, is_changed: bool) -> None:
+    made = composite_objects(GREY, [_joined(PixelBox(5, 5, 25, 25), alpha, 1.0, share=share)], LOOK, 0)
+    assert made.changed.any() == is_changed
+    assert not composite_objects(GREY, [], LOOK, 0).changed.any()

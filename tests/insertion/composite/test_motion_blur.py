@@ -163,3 +163,25 @@ def test_spectra_are_along_the_motion() -> None:
         row, column = np.unravel_index(int(spectrum.argmax()), spectrum.shape)
         assert (row, column)[1 - axis] == 0
         assert min((row, column)[axis], 96 - (row, column)[axis]) == 8  # one cycle per motion of 8 pixels
+
+
+@pytest.mark.parametrize(("n_tiles", "is_known"), [(19, False), (20, True)])
+def test_an_exposure_needs_20_tiles(monkeypatch: pytest.MonkeyPatch, n_tiles: int, is_known: bool) -> None:
+    frames = _frames(2, 6.0)
+    images = _images(frames, np.array([6.0, 0.0]), 0.5)
+    images.rows = (0,)
+    monkeypatch.setattr("insertion.composite.motion_blur.tile_spectra", lambda *_: [np.ones((96, 96))] * n_tiles)
+    assert (motion_blur(frames, images, _wall()) is not None) == is_known
+
+
+def test_the_12_fastest_frames_determine_the_exposure(monkeypatch: pytest.MonkeyPatch) -> None:
+    frames = _frames(14, 6.0)
+    calls: list[int] = []
+
+    def spectra(*_: object) -> list[np.ndarray]:
+        calls.append(1)
+        return [np.ones((96, 96))] * 2
+
+    monkeypatch.setattr("insertion.composite.motion_blur.tile_spectra", spectra)
+    assert motion_blur(frames, _images(frames, np.array([6.0, 0.0]), 0.5), _wall()) is not None
+    assert len(calls) == 12

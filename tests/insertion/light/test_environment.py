@@ -341,3 +341,10 @@ def test_white_surfaces_are_one_percent_and_hardly_coloured(
     expected = np.array(colour) / 0.6 if is_white else np.ones(3)
     white = estimate.white_colour(pixels)
     np.testing.assert_allclose(white / white[1], expected, rtol=1e-5)
+
+
+@pytest.mark.parametrize(("elevation", "n"), [(0.0089, 0), (0.0111, 1)])
+def test_lights_above_the_horizon_have_a_cosine_of_1_percent(elevation: float, n: int) -> None:
+    direction = np.array([[np.sqrt(1 - elevation**2), 0.0, elevation]])
+    lights = LightSamples(direction, np.ones((1, 3)), np.zeros(1), np.zeros(1))
+    assert len(lights.above_horizon(np.array([0.0, 0.0, 1.0])).power) == n

@@ -325,3 +325,26 @@ def test_strengths_and_unseen_gain_are_balanced_together() -> None:
     assert brighter.ratio == pytest.approx(DIRECT_TO_AMBIENT_PRIOR)
     assert balanced.gain == shading.UNSEEN_GAIN_GRID[int(np.abs(np.log(shading.UNSEEN_GAIN_GRID / times)).argmin())]
     assert brighter.irradiance == pytest.approx(1.28 * fitted.irradiance)
+
+
+@pytest.mark.parametrize(
+    ("scores", "n_lamps"),
+    [([0.0, 1.9], 1), ([0.0, 2.1, 4.0], 2), ([0.0, 2.1, 4.2, 6.3], 3), ([0.0, 9.0, 18.0, 27.0], 3)],
+)
+def test_another_lamp_increases_the_log_posterior_by_2_and_at_most_3_are_found(
+    scores: list[float], n_lamps: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refine(lamps: list[shading._FittedLamp], planes: PlaneShading, _: object) -> object:
+        return [replace(lamp, score=scores[len(lamps) - 1]) for lamp in lamps], planes
+
+    monkeypatch.setattr(shading, "_refine_lamps", refine)
+    light = shading.fit_room_light(_room(), UP)
+    assert light is not None
+    assert len(light.lamps) == n_lamps
+
+
+def test_positions_with_2_percent_of_the_largest_weight_are_kept() -> None:
+    candidates = room_candidates(_room(), UP, None, None)
+    some = replace(candidates, positions=candidates.positions[:3], facing=candidates.facing[:3])
+    lamp = shading._lamp_of_row(some, 0, 1.0, np.log([[1.0], [0.021], [0.019]]), np.array([1.0])).lamp
+    assert lamp.weights == pytest.approx(np.array([1.0, 0.021]) / 1.021)

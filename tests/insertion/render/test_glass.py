@@ -165,3 +165,14 @@ def test_a_rim_whose_pixels_show_remote_parts_of_the_frame_has_their_mean() -> N
     assert even.std() > 0.08
     assert rim.std() < 0.2 * even.std()
     assert rim.mean() == pytest.approx(0.4 * srgb_to_linear(plate).mean(), rel=0.1)
+
+
+def test_half_of_a_pixel_that_shows_every_4_5th_pixel_is_their_mean() -> None:
+    """The fraction is (4.5 - 1) / (8 - 1)."""
+    plate = np.random.default_rng(3).integers(0, 2, (160, 200, 1), np.uint8).repeat(3, axis=-1) * 200
+    look = CameraLook(np.ones(3), np.zeros((2, 2)), np.zeros((8, 3)), 0.0)
+    shift = np.full((20, 20, 2), 3.0, np.float32)
+    shift[..., 0] = 3.5 * np.arange(20)
+    part = composite_objects(plate, [_glass_layer(shift=shift)], look, 0).foreground[5:15, 5:15, 1]
+    even = composite_objects(plate, [_glass_layer()], look, 0).foreground[5:15, 5:15, 1]
+    assert part[1:-1, 1:-1].std() / even.std() == pytest.approx(0.5, abs=0.08)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import sys
 from dataclasses import dataclass, field
@@ -264,3 +265,219 @@ def test_a_form_has_at_least_one_node(tree: Path, tmp_path: Path, capsys: pytest
     assert "--limit: expected a number from 1" in printed(capsys, *words, "--limit", "0", status=2)
     assert json.loads(printed(capsys, *words, "--limit", "1", "--json"))["page"] == str(out)
     assert str(out) in printed(capsys, *words, "--overwrite")
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--contact", "nobody"], "--contact: expected a mail address or a page's URL"),
+        (["--contact", ""], "found none"),
+        (["--contact", "a@b.org\x07"], "--contact: expected a mail address"),
+        (["--contact", "https://a.org/bot"], None),
+        (["--contact", "A B <a@b.org>"], None),
+        (["--limit", "0"], "--limit: expected 1 or more items; found 0"),
+        (["--limit", "1"], None),
+        (["--delay", "-0.1"], "--delay: expected 0 or more seconds"),
+        (["--delay", "inf"], "--delay: expected 0 or more seconds"),
+        (["--delay", "0"], None),
+    ],
+)
+def test_options_of_a_crawl_are_checked_before_it_starts(
+    options: list[str],
+    message: str | None,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    crawls: list[Any] = []
+
+    def run_crawl(crawl: Any, _: object) -> _Crawled:
+        crawls.append(crawl)
+        return _Crawled()
+
+    monkeypatch.setattr("crawler.fetch.crawl.run_crawl", run_crawl)
+    words = ["crawl", "generic", "--out", str(tmp_path / "c"), "--contact", "a@b.org", *options]
+    text = printed(capsys, *words, status=0 if message is None else 2)
+    assert len(crawls) == (message is None)
+    assert message is None or message in text
+    assert not crawls or crawls[0].limit == ("--limit" in options)
+    (tmp_path / "file").touch()
+    assert "expected a folder; found the file" in printed(capsys, *words[:2], "--out", str(tmp_path / "file"), status=2)
+
+
+@dataclass
+class _Source:
+    """Declaration of an open data set."""
+
+    id: str
+    files: tuple[str, ...] = ()
+    excluded: bool = False
+    ship: bool = True
+    fetch: str = "by hand"
+
+
+def _import(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *words: str, status: int = 0
+) -> tuple[str, list[str]]:
+    """The output of `import` for three sources, and the ids of those that are imported."""
+    declared = [_Source("a", files=("x",)), _Source("b"), _Source("c", excluded=True, ship=False)]
+    imported: list[str] = []
+
+    def import_source(one: _Source, _: object) -> Any:
+        imported.append(one.id)
+        return SimpleNamespace(id=one.id, items=(SimpleNamespace(line=lambda: "{}"),))
+
+    for name, value in {
+        "sources": lambda _: declared,
+        "source": lambda name, _: next(one for one in declared if one.id == name),
+        "source_folder": lambda *_: None,
+        "import_source": import_source,
+        "changed_files": lambda *_: ["a.csv"],
+        "write_import": lambda _result, file, _option: (file.parent.mkdir(exist_ok=True), file.touch()),
+        "summary": lambda result: {"source": result.id, "rows": 2, "items": 1, "sampled_out": 0, "refused": 1,
+                                   "reasons": {"no size": 1}},
+        "terms": lambda one: {"source": one.id, "kind": "", "licence": "", "ship": one.ship, "url": "",
+                              "downloads": "yes" if one.files else "no", "reason": f"reason of {one.id}"},
+    }.items():  # fmt: skip
+        monkeypatch.setattr(f"metric_cli.subcommands.data.import_.{name}", value)
+    assert main(["import", *words]) == status
+    captured = capsys.readouterr()
+    return captured.out + captured.err, imported
+
+
+def test_sources_without_files_are_left_out_of_all(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text, imported = _import(monkeypatch, capsys, "--all", "--input", str(tmp_path), "--out", str(tmp_path / "raw"))
+    assert imported == ["a", "c"]
+    assert "b: no folder of this name" in text
+    assert "a.csv: sha256: expected that declared for a" in text
+    assert sorted(path.name for path in (tmp_path / "raw").iterdir()) == ["a.jsonl", "c.jsonl"]
+    (tmp_path / "b").mkdir()
+    assert _import(monkeypatch, capsys, "--all", "--input", str(tmp_path))[1] == ["a", "b", "c"]
+    text, imported = _import(monkeypatch, capsys, "--all")
+    assert imported == ["a", "b", "c"]
+    assert "sha256" not in text
+
+
+def test_one_source_is_imported_into_a_file_or_a_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _import(monkeypatch, capsys, "b", "--out", str(tmp_path / "x.jsonl"))
+    _import(monkeypatch, capsys, "b", "--out", str(tmp_path))
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["b.jsonl", "x.jsonl"]
+    text, _ = _import(monkeypatch, capsys, "b")
+    assert text.split() == [*["source", "rows", "items", "sampled_out", "refused", "reasons"], text.split()[6],
+                            "b", "2", "1", "0", "1", "no", "size", "1"]  # fmt: skip
+    for words, found in (((), "neither"), (("b", "--all"), "both, b and --all")):
+        assert f"expected one source, or --all; found {found}" in _import(monkeypatch, capsys, *words, status=2)[0]
+    for words in (("--all", "--overwrite", "--out"), ("b", "--ship")):
+        found = str(tmp_path / "x.jsonl")
+        assert "expected a folder; found the file" in _import(monkeypatch, capsys, *words, found, status=2)[0]
+
+
+def test_only_sources_that_may_be_redistributed_are_shipped(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _import(monkeypatch, capsys, "--all", "--ship", str(tmp_path))
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.jsonl.gz", "b.jsonl.gz"]
+
+
+@pytest.mark.parametrize(("options", "reasons"), [((), "bc"), (("--verbose",), "abc")])
+def test_a_list_of_sources_has_reasons_for_those_that_cannot_be_downloaded(
+    options: tuple[str, ...], reasons: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text, imported = _import(monkeypatch, capsys, "--list", *options)
+    assert [name for name in "abc" if f"reason of {name}" in text] == [*reasons]
+    assert imported == []
+
+
+@pytest.mark.parametrize(
+    ("backend", "has_weights", "download", "expected"),
+    [
+        ("plain", True, False, ("plain", False)),
+        ("auto", True, False, ("auto", True)),
+        ("auto", False, False, ("auto", False)),
+        ("auto", False, True, ("auto", True)),
+        ("rembg", True, False, ("rembg", True)),
+        ("rembg", False, True, ("rembg", True)),
+        ("rembg", False, False, None),
+    ],
+)
+def test_weights_of_a_backend_are_found_or_downloaded(
+    backend: str,
+    has_weights: bool,
+    download: bool,
+    expected: tuple[str, bool] | None,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    from metric_cli.subcommands.training.cutout import backend_settings
+
+    loaded: list[str] = []
+    monkeypatch.setattr("metric_tree.cutouts.network.has_weights", lambda _: has_weights)
+    monkeypatch.setattr("metric_tree.cutouts.network.Network.load", loaded.append)
+    if expected is None:
+        with pytest.raises(InputError, match="expected rembg and its weights on this machine"):
+            backend_settings(backend, "u2net", download)
+        return
+    settings = backend_settings(backend, "u2net", download)
+    assert settings.name == expected[0]
+    assert settings.weights == expected[1]
+    assert loaded == ["u2net"] * (download and not has_weights)
+    assert ("only plain backgrounds are cut" in capsys.readouterr().err) == (expected == ("auto", False))
+
+
+def test_a_row_of_a_batch_has_the_result_or_the_last_line_of_the_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from metric_cli.batch import BatchCommand, scene_row
+
+    answers: list[tuple[int, str, str]] = [
+        (0, '{"a": 1}', "x: working\n"),
+        (2, '{"a": 1}', "x: reading\nx: a.jpg: no image\n"),
+        (0, "", "warning\nlast words\n"),
+        (3, "{}", ""),
+    ]
+
+    def run(argv: list[str]) -> int:
+        assert argv == ["p", "scene", "--json"]
+        status, out, error = answers.pop(0)
+        sys.stdout.write(out)
+        sys.stderr.write(error)
+        return status
+
+    monkeypatch.setitem(sys.modules, "fake_command", SimpleNamespace(main=run))
+    monkeypatch.chdir(tmp_path)
+    command = BatchCommand("x", "fake_command", ("p",), argparse.ArgumentParser, lambda text: {"status": text})
+    scene: Any = SimpleNamespace(name="scene\x07", words=("scene",))
+    rows = [scene_row(command, tmp_path, scene) for _ in range(4)]
+    assert [(row.get("status"), row["exit_status"], row["error"], row.get("result")) for row in rows] == [
+        ('{"a": 1}', 0, None, '{"a": 1}'),
+        (None, 2, "a.jpg: no image", None),
+        (None, 0, "last words", None),
+        ("{}", 3, None, "{}"),
+    ]
+    assert rows[0]["scene"] == "scene\\x07"
+
+
+def test_columns_of_batches() -> None:
+    from metric_cli.estimate_scale.estimate import batch_columns as of_scene
+    from metric_cli.insert_object.insert import batch_columns as of_insertion
+    from metric_cli.subcommands.models.check_asset import batch_columns as of_model
+
+    interval = {"low": 0.4, "high": 0.6}
+    resolved = {"status": "resolved", "scale": 0.5, "interval": interval}
+    assert of_scene(json.dumps(resolved)) == {"status": "resolved", "scale": 0.5, **interval, "error": None}
+    failed = {"status": "unresolved", "interval": None, "failure": {"message": "no texture"}}
+    nothing = {"scale": None, "low": None, "high": None}
+    assert of_scene(json.dumps(failed)) == {"status": "unresolved", **nothing, "error": "no texture"}
+    inserted = {"scale": {"metres_per_unit": 0.5, **interval}}
+    assert of_insertion(json.dumps(inserted)) == {"status": "inserted", "scale": 0.5, **interval}
+
+    def models(*verdicts: str) -> dict[str, Any]:
+        rows = [{"verdict": verdict, "factor": float(k)} for k, verdict in enumerate(verdicts)]
+        return of_model("\n".join(map(json.dumps, rows)))
+
+    assert models("right", "not known", "wrong unit") == {"status": "wrong unit", "scale": 2.0}
+    assert models("not known", "right") == {"status": "not known", "scale": 0.0}

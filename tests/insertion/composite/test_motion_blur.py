@@ -127,6 +127,7 @@ def test_a_kernel_has_the_length_and_direction_of_the_motion() -> None:
     assert (kernel * x * y).sum() == pytest.approx(36 / 12, rel=0.05)
     layer = np.ones((8, 8, 4), np.float32)
     assert smear_layer(layer, np.array([0.49, 0.0])) is layer
+    assert smear_layer(layer, np.array([0.51, 0.0])) is not layer
     np.testing.assert_allclose(smear_layer(layer, np.array([0.51, 0.0])), layer, rtol=1e-5)  # the border continues
 
 

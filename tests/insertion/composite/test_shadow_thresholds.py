@@ -14,7 +14,7 @@ import pytest
 from numpy.typing import NDArray
 
 from estimator.records.scene import Camera, Instance, View
-from insertion.composite.shadow_receivers import transmitted_light
+from insertion.composite.shadow_receivers import proxy_offset, transmitted_light
 from insertion.render.body import Body
 from insertion.render.layers import ObjectLayers
 from insertion.render.renderer import ObjectImage
@@ -113,3 +113,24 @@ def test_shadows_on_other_surfaces_end_4_sizes_from_the_object() -> None:
     found = light(grid(), np.full(len(grid()), 2.0), unit=0.26, level=0.0)[0]
     assert found[60, [80 + 62, 80 - 62]] == pytest.approx([0, 0], abs=0.05)
     assert found[60, [80 + 78, 80 - 79]] == pytest.approx([1, 1], abs=0.05)
+
+
+@pytest.mark.parametrize(("unit", "depth"), [(1.0, 3 * (1 - 1.5 * 0.045)), (3.0, 3 * (1 - 1.5 * 0.12))])
+def test_the_plane_ends_at_1_to_2_tolerances(unit: float, depth: float) -> None:
+    """At 1.5 tolerances, half of the shadow is on the plane: 4.5 % of the depth, or 12 % of a large object."""
+    found = light(grid(), np.full(len(grid()), depth), unit=unit)[0]
+    assert found[60, 80] == pytest.approx(0.6, abs=0.04)
+
+
+@pytest.mark.parametrize(("n", "is_plane"), [(4, True), (5, False)])
+def test_five_of_nine_points_contradict_the_plane(n: int, is_plane: bool) -> None:
+    offsets = proxy_offset(np.ones((20, 20), bool), np.full((n, 2), 10.0), np.full(n, 0.1), 5.0)
+    assert offsets[10, 10] == pytest.approx(0.0 if is_plane else 0.1, abs=0.01)
+
+
+def test_points_within_28_pixels_contradict_the_plane() -> None:
+    """Twenty points at half the depth are at column 20."""
+    pixels = np.column_stack([np.full(20, 20.5), np.linspace(59, 61, 20)])
+    row = light(pixels, np.full(20, 1.5))[0][60]
+    assert row[44] > 0.8
+    assert row[54] < 0.4

@@ -13,8 +13,10 @@ from io import BufferedIOBase
 from pathlib import Path
 from typing import Any, Literal, get_args
 
+import msgspec
+
 from metric_base.errors import InputError, expect, in_file
-from metric_base.records import json_record, record_of
+from metric_base.records import json_record
 from metric_base.regions import REGIONS
 from metric_base.remote import opened, url_of
 
@@ -35,8 +37,17 @@ STATED_KINDS = ("norm", "judged", "curated")
 Statistic = Literal["mean", "median", "min", "max"]
 STATISTICS: frozenset[str] = frozenset(get_args(Statistic))
 
+#: Expectations of messages; a record checks its fields, and these are joined once.
+_KINDS, _STATISTICS = (f"one of {', '.join(sorted(known))}" for known in (KINDS, STATISTICS))
+_REGIONS = f"two letters of ISO 3166, or {', '.join(sorted(REGIONS))}"
 #: Fields that are omitted from lines if they are None.
 _OPTIONAL = frozenset({"scene", "statistic", "relative_sd", "attribution"})
+
+
+class _Head(msgspec.Struct):
+    """The field of a line that is not a field of `RawItem`."""
+
+    schema: Any = None
 
 
 class BadRawItem(InputError):
@@ -79,18 +90,16 @@ class RawItem:
     attribution: str | None = None
 
     def __post_init__(self) -> None:
-        for name, known in (("kind", KINDS), ("statistic", STATISTICS)):
-            value, expected = getattr(self, name), f"one of {', '.join(sorted(known))}"
-            expect(value in known or (name == "statistic" and value is None), name, expected, value)
+        expect(self.kind in KINDS, "kind", _KINDS, self.kind)
+        expect(self.statistic is None or self.statistic in STATISTICS, "statistic", _STATISTICS, self.statistic)
         region = self.region
         is_country = region is not None and len(region) == 2 and region.isascii() and region.isupper()
-        expected = f"two letters of ISO 3166, or {', '.join(sorted(REGIONS))}"
-        expect(region is None or region in REGIONS or is_country, "region", expected, region)
+        expect(region is None or region in REGIONS or is_country, "region", _REGIONS, region)
         expect(self.year is None or abs(self.year) < 10_000, "year", "four digits at most", self.year)
         expect(bool(self.source), "source", "a name", self.source)
         expect(bool(self.source_id), "source_id", "an id", self.source_id)
         sizes = [v for v in (*self.dimensions_mm.values(), *(self.extents_mm or ())) if v is not None]
-        expect(all(math.isfinite(v) and v > 0 for v in sizes), "dimensions_mm", "positive lengths", sizes)
+        expect(all(0 < v < math.inf for v in sizes), "dimensions_mm", "positive lengths", sizes)
 
     @property
     def identity(self) -> str:
@@ -116,10 +125,9 @@ class RawItem:
         FieldError
             The line is not a JSON object of this schema, or a field is invalid.
         """
-        values = json_record(line, dict[str, Any])
-        schema = values.pop("schema", None)
+        schema = json_record(line, _Head).schema
         expect(schema == SCHEMA, "schema", SCHEMA, schema)
-        return record_of(values, cls)
+        return json_record(line, cls)
 
 
 def raw_items(path: Path) -> Iterator[RawItem]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Self, TypeVar
+from typing import Generic, Self, TypeVar
 
 Name = TypeVar("Name", bound=Path | str)
 
@@ -97,8 +97,7 @@ class at_field:  # noqa: N801 - a context manager, as those of contextlib
             raise FieldError(f"{self.field}{gap}{error.field}", error.expected, error.found) from None
 
 
-@contextmanager
-def in_file(file: Name, kind: type[InputError] = InputError) -> Iterator[Name]:
+class in_file(Generic[Name]):  # noqa: N801 - as `at_field`
     """Convert a `FieldError` of the block to an `InputError` of type `kind` that states the file.
 
     Parameters
@@ -106,10 +105,20 @@ def in_file(file: Name, kind: type[InputError] = InputError) -> Iterator[Name]:
     file : Path or str
         A path, or a path with a line such as `decisions.jsonl:12`; it is also the value of the `with` statement.
     """
-    try:
-        yield file
-    except FieldError as error:
-        raise kind.at(file, error.field or "content", error.expected, error.found) from None
+
+    __slots__ = ("file", "kind")
+
+    def __init__(self, file: Name, kind: type[InputError] = InputError) -> None:
+        self.file, self.kind = file, kind
+
+    def __enter__(self) -> Name:
+        """Return the file."""
+        return self.file
+
+    def __exit__(self, _kind: type[BaseException] | None, error: BaseException | None, _trace: object) -> None:
+        """Convert the error."""
+        if isinstance(error, FieldError):
+            raise self.kind.at(self.file, error.field or "content", error.expected, error.found) from None
 
 
 def type_and_message(error: Exception) -> str:

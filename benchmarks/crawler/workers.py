@@ -4,19 +4,22 @@
     python -m benchmarks.crawler.workers --products 300 --kills 10
 
 The synthetic site, the workers and Redis are separate processes. A kill is SIGKILL of worker one, worker two or Redis
-in turn, after 0 to 6 s of work of both workers; Redis restarts from its disk, and workers that ended continue with
-`--resume`. Each item of the site must be found with its size; without kills no page is requested twice.
+in turn, after 0 to 6 s of work of both workers; Redis (`--appendonly yes`) restarts from its disk, and workers that
+ended continue with `--resume`. The output states the longest time without a finished page. Each item of the site must
+be found with its size; without kills no page is requested twice.
 """
 
 from __future__ import annotations
 
-import os
 import random
 import resource
 import subprocess
 import tempfile
 import time
+from contextlib import suppress
 from pathlib import Path
+
+import redis
 
 from benchmarks.child import _peak_kib, ours
 from benchmarks.common import options_parser
@@ -27,8 +30,6 @@ from tests.synthetic.synthetic_site import Shop
 WORKERS = ("one", "two")
 #: Maximum time between two kills in seconds.
 MAX_WAIT_S = 6.0
-#: Seconds after which the pages of a killed worker are given to another one.
-LEASE_S = "3"
 
 
 def main() -> None:
@@ -39,7 +40,8 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     print(
-        "products | responses | ms per response | peak MB of a worker | expected | right | missed | doubled", flush=True
+        "products | responses | ms per response | peak MB of a worker | expected | right | missed | doubled | pause s",
+        flush=True,
     )
     for products in options.products:
         with tempfile.TemporaryDirectory(prefix="crawl-") as name:
@@ -51,6 +53,8 @@ def crawl(shop: Shop, folder: Path, kills: int, seed: int) -> None:
     generator = random.Random(seed)  # noqa: S311 - moments of kills
     (folder / "redis").mkdir()
     served, server = ServedShop(shop), RedisServer(folder / "redis")
+    store = redis.Redis.from_url(server.url, socket_timeout=10)
+    n_finished, finished_at, pause_s = None, 0.0, 0.0
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     before_s, peak_kib, done = used.ru_utime + used.ru_stime, 0, 0
     victims = [*WORKERS, "redis"] * (kills // 3 + 1)
@@ -67,6 +71,11 @@ def crawl(shop: Shop, folder: Path, kills: int, seed: int) -> None:
             moment = time.monotonic() + generator.uniform(0.0, MAX_WAIT_S)
             while time.monotonic() < moment:
                 peak_kib = max([peak_kib, *(_peak_kib(process.pid) for process in running.values())])
+                with suppress(redis.RedisError):
+                    n_now = store.hget("metric-tree:out:done", "pages")
+                    if n_now != n_finished:
+                        pause_s = max(pause_s, time.monotonic() - finished_at) if n_finished else 0.0
+                        n_finished, finished_at = n_now, time.monotonic()
                 time.sleep(0.2)
             if done < kills and not ended:
                 kill(victims[done], running, server)
@@ -76,7 +85,7 @@ def crawl(shop: Shop, folder: Path, kills: int, seed: int) -> None:
         cpu_s = used.ru_utime + used.ru_stime - before_s
         truth = _against_truth(shop, folder / "out")
         columns = [shop.products, counts.total(), round(1000 * cpu_s / counts.total(), 1), round(peak_kib / 1024)]
-        columns += [truth[name] for name in ("expected", "right", "missed", "doubled")]
+        columns += [truth[name] for name in ("expected", "right", "missed", "doubled")] + [round(pause_s, 1)]
         twice = sum(count - 1 for path, count in counts.items() if path.startswith("/item/"))
         print(" | ".join(map(str, columns)), f"({done} kills; {twice} product pages requested again)", flush=True)
     finally:
@@ -87,14 +96,13 @@ def crawl(shop: Shop, folder: Path, kills: int, seed: int) -> None:
         served.close()
 
 
-def start(base: str, folder: Path, redis: str, worker: str) -> subprocess.Popen[bytes]:
+def start(base: str, folder: Path, address: str, worker: str) -> subprocess.Popen[bytes]:
     """Start a worker, which continues its work of an earlier run."""
     words = ["crawl", "generic", "--out", folder / "out", "--start-url", f"{base}/list/0", "--contact", "a@example.org"]
-    words += ["--delay", 0, "--private", "--json", "--redis", redis, "--worker", worker]
+    words += ["--delay", 0, "--private", "--json", "--redis", address, "--worker", worker]
     words += ["--resume"] if (folder / "out" / worker / "frontier.sqlite").exists() else []
-    environment = os.environ | {"METRIC_TREE_LEASE_SECONDS": LEASE_S}
     with (folder / f"{worker}.log").open("ab") as log:
-        return subprocess.Popen(ours("metric-tree", *words), env=environment, stdout=log, stderr=log)
+        return subprocess.Popen(ours("metric-tree", *words), stdout=log, stderr=log)
 
 
 def kill(victim: str, running: dict[str, subprocess.Popen[bytes]], server: RedisServer) -> None:

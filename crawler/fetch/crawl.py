@@ -35,7 +35,9 @@ SEGMENT_ITEMS = 5_000
 SEGMENT_SECONDS = 60.0
 Kind: TypeAlias = Literal["items", "pictures"]
 _SEGMENT = re.compile(r"(?P<kind>items|pictures)-(?P<first>\d{9})-(?P<last>\d{9})\.jsonl")
-#: Environment variable: seconds after which another worker fetches a leased page, for crawls of fast sites.
+#: Seconds between two reports of the progress, and two renewals of leases.
+TICK_SECONDS = 1.0
+#: Environment variable: seconds without a renewal after which another worker fetches a leased page.
 LEASE_VARIABLE = "METRIC_TREE_LEASE_SECONDS"
 #: Names of the spiders: one per site, and the query service of Wikidata.
 SPIDERS = (*(site.name for site in SITES), "wikidata", GENERIC.name)
@@ -289,7 +291,7 @@ def write_segments(frontier: Any, folder: Path) -> int:
 def _start_timers(
     frontier: FailFastFrontier, folder: Path, crawler: Any, progress: Callable[[Mapping[str, Any]], None] | None
 ) -> None:
-    """While the reactor runs, report the progress once per second and write segments once per minute."""
+    """While the reactor runs, renew leases and report progress once per second, and write segments once per minute."""
     from scrapy import signals
 
     running: list[Any] = []
@@ -300,9 +302,9 @@ def _start_timers(
         def write() -> None:
             frontier.call_or(0, partial(write_segments, frontier, folder))
 
-        timers: list[tuple[float, Callable[[], object]]] = [(SEGMENT_SECONDS, write)]
+        timers: list[tuple[float, Callable[[], object]]] = [(SEGMENT_SECONDS, write), (TICK_SECONDS, frontier.renew)]
         if progress is not None:
-            timers.append((1.0, lambda: progress(crawler.stats.get_stats() | frontier.counts())))
+            timers.append((TICK_SECONDS, lambda: progress(crawler.stats.get_stats() | frontier.counts())))
         for seconds, call in timers:
             running.append(LoopingCall(call))
             running[-1].start(seconds, now=False)

@@ -88,6 +88,9 @@ class Frontier(Protocol):
     def lease(self) -> Task | None:
         """Lease the next task to this process; None if no task waits."""
 
+    def renew(self) -> None:
+        """Extend the leases of the tasks of this process, if they expire."""
+
     def put_back(self, task: Task) -> None:
         """Return a leased task, perhaps with another address (a redirect) or other values (a retry)."""
 
@@ -171,6 +174,10 @@ class FailFastFrontier:
     def lease(self) -> Task | None:
         """Lease the next task; None if no task waits or the frontier failed."""
         return self.call_or(None, self._frontier.lease)
+
+    def renew(self) -> None:
+        """Extend the leases of the tasks of this process."""
+        self.call_or(None, self._frontier.renew)
 
     def put_back(self, task: Task) -> None:
         """Return a leased task."""

@@ -1,6 +1,7 @@
 """Frontier of several processes or machines: Redis, with leases that expire.
 
-Leases of a killed worker expire, and other workers fetch its pages. Items are stored by the worker that read them in an
+A worker renews the leases of its pages as long as it runs. Leases of a killed worker expire by the clock of the server,
+and other workers fetch its pages. Items are stored by the worker that read them in an
 SQLite file before the task is marked as done; after a kill between the two, the page is read again and gives the same
 ids. scrapy-redis is not used, because it removes a request before it is fetched, so that a killed worker loses its
 requests, and because it pickles requests.
@@ -9,7 +10,6 @@ requests, and because it pickles requests.
 from __future__ import annotations
 
 import json
-import time
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -19,8 +19,9 @@ from crawler.fetch.frontier import REFUSALS, Outcome, Task, task_key
 from crawler.fetch.sqlite_frontier import SqliteFrontier
 from metric_base.errors import InputError, StorageError
 
-#: Seconds after which another worker may fetch a leased page: several times the longest download with its delays.
-LEASE_SECONDS = 180.0
+#: Time without a renewal after which another worker may fetch a leased page in seconds. Workers renew every second, and
+#: read a page in at most 2 s of processor time; an idle worker looks for a page every 5 s.
+LEASE_SECONDS = 30.0
 
 
 class NoRedis(InputError):
@@ -40,16 +41,29 @@ end
 return added
 """
 
-# KEYS: tasks, queue, leases. ARGV: now, the lease's end.
-_LEASE = """
-for _, key in ipairs(redis.call('ZRANGEBYSCORE', KEYS[3], '-inf', ARGV[1])) do
+# The time of the server in seconds.
+_NOW = """
+local time = redis.call('TIME')
+local now = time[1] + time[2] / 1000000
+"""
+
+# KEYS: tasks, queue, leases. ARGV: seconds.
+_LEASE = f"""{_NOW}
+for _, key in ipairs(redis.call('ZRANGEBYSCORE', KEYS[3], '-inf', now)) do
   redis.call('ZREM', KEYS[3], key)
   redis.call('ZADD', KEYS[2], 0, key)
 end
 local found = redis.call('ZPOPMIN', KEYS[2])
 if #found == 0 then return false end
-redis.call('ZADD', KEYS[3], ARGV[2], found[1])
+redis.call('ZADD', KEYS[3], now + ARGV[1], found[1])
 return redis.call('HGET', KEYS[1], found[1])
+"""
+
+# KEYS: leases. ARGV: seconds, keys. A task that another worker has finished is not leased again.
+_RENEW = f"""{_NOW}
+for i = 2, #ARGV do
+  redis.call('ZADD', KEYS[1], 'XX', now + ARGV[1], ARGV[i])
+end
 """
 
 # KEYS: refused, queue, failed. ARGV: reason.
@@ -85,8 +99,10 @@ class RedisFrontier:
         self._keys = {part: f"metric-tree:{name}:{part}" for part in _PARTS}
         self._add = self._redis.register_script(_ADD)
         self._lease = self._redis.register_script(_LEASE)
+        self._renew = self._redis.register_script(_RENEW)
         self._reopen = self._redis.register_script(_REOPEN)
         self._lease_seconds = lease_seconds
+        self._leased: set[str] = set()
         self._url, self._is_begun = url, False
         self._items = SqliteFrontier(folder / "frontier.sqlite")
 
@@ -101,13 +117,22 @@ class RedisFrontier:
 
     def lease(self) -> Task | None:
         """Lease the next task; tasks with an expired lease wait."""
-        now = time.time()
         keys = [self._keys[part] for part in ("tasks", "queue", "leases")]
-        text = self._lease(keys=keys, args=[now, now + self._lease_seconds])
-        return Task.from_text(text) if text else None
+        text = self._lease(keys=keys, args=[self._lease_seconds])
+        if not text:
+            return None
+        task = Task.from_text(text)
+        self._leased.add(task.key)
+        return task
+
+    def renew(self) -> None:
+        """Extend the leases of the tasks of this worker."""
+        if self._leased:
+            self._renew(keys=[self._keys["leases"]], args=[self._lease_seconds, *self._leased])
 
     def put_back(self, task: Task) -> None:
         """Return a leased task, perhaps changed."""
+        self._leased.discard(task.key)
         pipe = self._redis.pipeline(transaction=True)
         pipe.hset(self._keys["tasks"], task.key, task.text())
         pipe.zrem(self._keys["leases"], task.key)
@@ -118,6 +143,7 @@ class RedisFrontier:
         """Write the items to the file of this worker, then the links and the completion to Redis."""
         new = self._items.commit(replace(outcome, tasks=(), failure=None))
         self.add(outcome.tasks)
+        self._leased.discard(outcome.key)
         pipe = self._redis.pipeline(transaction=True)
         pipe.zrem(self._keys["leases"], outcome.key)
         pipe.zrem(self._keys["queue"], outcome.key)  # it is there again if its lease has expired
@@ -154,7 +180,8 @@ class RedisFrontier:
         done = sum(map(int, self._redis.hvals(self._keys["done"])))
         failed = sum(map(int, self._redis.hvals(self._keys["failed"])))
         leased = int(self._redis.zcard(self._keys["leases"]))
-        expired = int(self._redis.zcount(self._keys["leases"], "-inf", time.time()))
+        seconds, microseconds = self._redis.time()
+        expired = int(self._redis.zcount(self._keys["leases"], "-inf", seconds + microseconds / 1e6))
         waiting = int(self._redis.zcard(self._keys["queue"])) + expired
         counts = {"waiting": waiting, "leased": leased, "done": done, "failed": failed}
         return counts | {kind: count for kind, count in self._items.counts().items() if kind in {"items", "pictures"}}

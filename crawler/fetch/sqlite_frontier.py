@@ -57,6 +57,9 @@ class SqliteFrontier:
         ).fetchone()
         return Task.from_text(row[0]) if row else None
 
+    def renew(self) -> None:
+        """Do nothing: leases end with the process."""
+
     def put_back(self, task: Task) -> None:
         """Return a leased task, perhaps changed."""
         self._connection.execute(

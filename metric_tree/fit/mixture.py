@@ -75,15 +75,25 @@ class Rows:
         return np.diff(np.append(self.starts, len(self.x)))
 
     @cached_property
-    def patterns(self) -> list[tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]]:
-        """For each pattern of missing coordinates: candidates (k,), observed axes (a,), missing axes (d - a,)."""
-        observed = ~np.isnan(self.x)
-        codes = observed @ (1 << np.arange(self.dimensions))
-        return [
-            (np.flatnonzero(codes == code), np.flatnonzero(code >> np.arange(self.dimensions) & 1), missing)
-            for code in np.unique(codes)
-            for missing in [np.flatnonzero(~(code >> np.arange(self.dimensions) & 1).astype(bool))]
-        ]
+    def patterns(self) -> list[tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp], FloatArray, FloatArray]]:
+        """For each pattern of missing coordinates: indices, axes and coordinates of its candidates.
+
+        These are the candidates (k,), the observed axes (a,), the missing axes (d - a,), and all coordinates (k, d) and
+        the observed ones (k, a) of the candidates.
+        """
+        is_observed = ~np.isnan(self.x)
+        codes = is_observed @ (1 << np.arange(self.dimensions))
+        patterns = []
+        for code in np.unique(codes):
+            index, has_axis = np.flatnonzero(codes == code), (code >> np.arange(self.dimensions) & 1).astype(bool)
+            axes, x = np.flatnonzero(has_axis), self.x[index]
+            patterns.append((index, axes, np.flatnonzero(~has_axis), x, x[:, axes]))
+        return patterns
+
+    @cached_property
+    def log_candidates(self) -> FloatArray:
+        """(m, 1) logarithm of the number of candidates of the row of each candidate."""
+        return np.log(self.candidates)[self.owner][:, None]
 
     @property
     def effective_size(self) -> float:
@@ -197,11 +207,11 @@ def raise_to_floor(covariances: FloatArray, floor: float = SPREAD_FLOOR) -> Floa
 def expectation(rows: Rows, mixture: Mixture) -> tuple[FloatArray, FloatArray]:
     """Return responsibilities (m, k), with sum 1 over the candidates of a row, and log densities (n,) of the rows."""
     terms = np.empty((len(rows.x), len(mixture.weights)))
-    for index, axes, _ in rows.patterns:
+    for index, axes, _, _, observed in rows.patterns:
         block = mixture.covariances[:, axes[:, None], axes]  # (k, o, o)
-        terms[index] = gaussian_log_densities(rows.x[index][:, axes], mixture.means[:, axes], block).T
+        terms[index] = gaussian_log_densities(observed, mixture.means[:, axes], block).T
     with np.errstate(divide="ignore"):  # a component without rows has log weight -inf
-        terms += np.log(mixture.weights) - np.log(rows.candidates)[rows.owner][:, None]
+        terms += np.log(mixture.weights) - rows.log_candidates
     best = np.maximum.reduceat(terms.max(axis=1), rows.starts)  # (n,)
     likelihood = np.exp(terms - best[rows.owner][:, None])  # (m, k)
     total = np.add.reduceat(likelihood.sum(axis=1), rows.starts)
@@ -309,7 +319,7 @@ def _run_em(rows: Rows, start: Mixture, belief: NormalInverseWishart, iterations
         responsibility, log_density = expectation(rows, mixture)
         likelihood = float(rows.weights @ log_density)
         if likelihood - before < TOLERANCE * total and before > -math.inf:
-            break
+            return Fitted(mixture, likelihood, parameters)
         before = likelihood
         mixture = maximisation(rows, mixture, responsibility, belief)
     return Fitted(mixture, float(rows.weights @ expectation(rows, mixture)[1]), parameters)
@@ -317,13 +327,13 @@ def _run_em(rows: Rows, start: Mixture, belief: NormalInverseWishart, iterations
 
 def _completions(rows: Rows, mixture: Mixture) -> Iterator[tuple[NDArray[np.intp], FloatArray, FloatArray]]:
     """For each pattern: candidates (c,), completed rows (k, c, d), and their conditional covariance (k, d, d)."""
-    for index, axes, missing in rows.patterns:
-        filled = np.broadcast_to(rows.x[index], (len(mixture.weights), len(index), rows.dimensions)).copy()
+    for index, axes, missing, x, observed in rows.patterns:
+        filled = np.broadcast_to(x, (len(mixture.weights), *x.shape)).copy()
         spread = np.zeros_like(mixture.covariances)
         if len(missing):
             across = mixture.covariances[:, missing[:, None], axes]  # (k, m, o)
             gain = np.linalg.solve(mixture.covariances[:, axes[:, None], axes], across.transpose(0, 2, 1))  # (k, o, m)
-            offset = rows.x[index][:, axes][None] - mixture.means[:, None, axes]  # (k, c, o)
+            offset = observed[None] - mixture.means[:, None, axes]  # (k, c, o)
             filled[:, :, missing] = mixture.means[:, None, missing] + offset @ gain
             rest = mixture.covariances[:, missing[:, None], missing] - across @ gain
             spread[:, missing[:, None], missing] = rest

@@ -209,7 +209,8 @@ def _refusal_reasons(
 ) -> list[str]:
     """Return the rejection reason of each row, empty if it is accepted. Unit errors are found before duplicates.
 
-    Duplicates have equal extents, so that they are searched in partitions of the rows by extents.
+    Duplicates have equal extents, so that they are searched among the rows whose extents occur twice, in partitions of
+    these rows by extents.
 
     Parameters
     ----------
@@ -237,11 +238,13 @@ def _refusal_reasons(
                 if factor != 1.0:
                     reasons[row] = f"unit_slip: {factor:g}" if np.isfinite(factor) else "far_outlier"
     remaining = np.array([row for row, reason in enumerate(reasons) if not reason], dtype=np.intp)
-    codes = size_codes(extents[remaining])
+    hashes = size_codes(extents[remaining]) @ np.array([1, 1_000_003, 1_000_003**2])
+    _, code, counts = np.unique(hashes, return_inverse=True, return_counts=True)
+    is_repeated = counts[code] > 1
+    remaining, hashes = remaining[is_repeated], hashes[is_repeated]
     n_partitions = 1 + len(remaining) // MAX_GROUP_ROWS
-    partition = (codes @ np.array([1, 31, 961])) % n_partitions
     for number in range(n_partitions):
-        rows = remaining[partition == number]
+        rows = remaining[hashes % n_partitions == number]
         chosen = table.select(["item_id", "node_id", "source", "kind", "title"]).take(pa.array(rows))
         ids, nodes, source, kind, title = (column.to_pylist() for column in chosen.columns)
         repeats = duplicates(nodes, sizes[rows], source, kind, title, [name in shipped for name in source], common)

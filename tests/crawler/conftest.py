@@ -27,19 +27,18 @@ class RedisServer:
         raise AssertionError("redis-server finds no port")
 
     def start(self) -> bool:
-        """Start it with the data of its last stop; return whether its port was free."""
-        words = ["redis-server", "--port", str(self._port), "--save", "", "--dir", str(self._folder)]
+        """Start it with the data in its folder; return whether its port was free."""
+        words = ["redis-server", "--port", str(self._port), "--save", "", "--appendonly", "yes"]
+        words += ["--dir", str(self._folder)]
         self._process = subprocess.Popen(words, stdout=subprocess.DEVNULL)
         return _answers(self._process, self._port)
 
     def stop(self, keep: bool = False) -> None:
-        """Stop it, with its data on the disk or without."""
-        import redis
-
-        if keep:
-            redis.Redis(port=self._port, socket_timeout=60).save()
+        """Kill it without notice; its data stay in the folder or are removed."""
         self._process.kill()
         self._process.wait(timeout=60)
+        if not keep:
+            shutil.rmtree(self._folder / "appendonlydir")
 
 
 @pytest.fixture

@@ -15,12 +15,26 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import redis
 
 from tests.crawler.conftest import RedisServer
 from tests.support.processes import started
 from tests.synthetic.synthetic_site import PICTURES, Shop, SyntheticSite, error, expected
 
 ROOT = Path(__file__).resolve().parents[3]
+
+
+class PatientSite(SyntheticSite):
+    """A shop that returns its first page when the lease of the page has been renewed in Redis."""
+
+    redis_url = ""
+
+    def answer(self, path: str) -> tuple[int, dict[str, str], bytes]:
+        if path == "/list/0" and not self.fetched[path]:
+            ends = redis.Redis.from_url(self.redis_url, socket_timeout=60)
+            leased = ends.zrange("metric-tree:out:leases", 0, -1, withscores=True)
+            _until(lambda: ends.zscore("metric-tree:out:leases", leased[0][0]) > leased[0][1], 20.0)
+        return super().answer(path)
 
 
 def command(site: SyntheticSite, out: Path, *words: str) -> list[str]:
@@ -154,7 +168,8 @@ def test_pictures_are_stored_once_and_named_by_their_items(tmp_path: Path) -> No
 def test_two_workers_share_a_frontier_and_one_is_killed(tmp_path: Path, redis_url: str) -> None:
     environment = os.environ | {"METRIC_TREE_LEASE_SECONDS": "3"}
     shop = Shop(products=120, errors=False, delay=1.0)  # one worker alone needs 8 s: the other has started by then
-    with SyntheticSite(shop) as site:
+    with PatientSite(shop) as site:
+        site.redis_url = redis_url
         words = ["--redis", redis_url]
         options = {"cwd": ROOT, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "env": environment}
         begin = command(site, tmp_path / "out", *words, "--worker")
@@ -168,6 +183,7 @@ def test_two_workers_share_a_frontier_and_one_is_killed(tmp_path: Path, redis_ur
         subprocess.run(crawl_again, cwd=ROOT, capture_output=True, env=environment, timeout=180, check=True)
         found = {item["title"] for item in items(tmp_path / "out")}
         twice = sum(count - 1 for path, count in site.fetched.items() if path.startswith("/item/"))
+    assert site.fetched["/list/0"] == 1  # its lease was renewed while the site worked on it
     assert len(found) == shop.products
     assert {path.parent.name for path in (tmp_path / "out").rglob("items-*.jsonl")} == {"one", "two"}
     assert twice <= 32  # pages that the killed worker had in flight: in the downloader, and fetched but not yet read

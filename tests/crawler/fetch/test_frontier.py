@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from crawler.fetch.crawl import SEGMENT_ITEMS, last_written, write_segments
+from crawler.fetch.crawl import SEGMENT_ITEMS, TICK_SECONDS, last_written, write_segments
 from crawler.fetch.frontier import OFF_SITE, PRIVATE, Outcome, Task, task_key
-from crawler.fetch.redis_frontier import NoRedis, RedisFrontier
+from crawler.fetch.redis_frontier import LEASE_SECONDS, NoRedis, RedisFrontier
 from crawler.fetch.sqlite_frontier import SqliteFrontier
 
 
@@ -147,6 +147,32 @@ def test_a_refused_task_is_offered_again_and_a_failed_one_is_not(
     assert frontier.is_exhausted()
     assert frontier.add([Task("http://a.example/0")]) == 1
     frontier.close()
+
+
+def test_a_lease_that_is_renewed_does_not_expire(tmp_path: Path, redis_url: str) -> None:
+    alive, other = (RedisFrontier(redis_url, "test", tmp_path / name, lease_seconds=0.0) for name in ("one", "two"))
+    alive.add([Task("http://a.example/1")])
+    task = alive.lease()
+    alive._lease_seconds = LEASE_SECONDS
+    alive.renew()
+    assert other.lease() is None
+    assert task is not None
+    alive.put_back(task)
+    alive.renew()  # it has no task any more
+    assert other.lease() == task
+    alive.commit(Outcome(task.key))
+    other.renew()  # the task is finished, and does not return
+    assert other.is_exhausted()
+    alive.close()
+    other.close()
+
+
+def test_work_of_a_killed_worker_resumes_within_a_minute() -> None:
+    from scrapy.core.engine import ExecutionEngine
+
+    poll_s = ExecutionEngine._SLOT_HEARTBEAT_INTERVAL  # an idle worker looks for a task at this interval
+    assert LEASE_SECONDS + 2 * poll_s < 60
+    assert LEASE_SECONDS >= 10 * TICK_SECONDS
 
 
 def test_an_address_of_another_kind_is_no_server(tmp_path: Path) -> None:

@@ -136,7 +136,7 @@ def test_rows_are_taken_and_moved_whole() -> None:
 
 def test_patterns_part_the_candidates_by_what_is_missing() -> None:
     x = np.array([[1.0, np.nan], [1.0, 2.0], [np.nan, 2.0], [3.0, np.nan]])
-    patterns = {tuple(axes): (index.tolist(), missing.tolist()) for index, axes, missing in _rows(x).patterns}
+    patterns = {tuple(axes): (index.tolist(), missing.tolist()) for index, axes, missing, *_ in _rows(x).patterns}
     assert patterns == {(0,): ([0, 3], [1]), (0, 1): ([1], []), (1,): ([2], [0])}
 
 

@@ -10,6 +10,7 @@ requests, and because it pickles requests.
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -41,29 +42,16 @@ end
 return added
 """
 
-# The time of the server in seconds.
-_NOW = """
-local time = redis.call('TIME')
-local now = time[1] + time[2] / 1000000
-"""
-
-# KEYS: tasks, queue, leases. ARGV: seconds.
-_LEASE = f"""{_NOW}
-for _, key in ipairs(redis.call('ZRANGEBYSCORE', KEYS[3], '-inf', now)) do
+# KEYS: tasks, queue, leases. ARGV: now, the lease's end.
+_LEASE = """
+for _, key in ipairs(redis.call('ZRANGEBYSCORE', KEYS[3], '-inf', ARGV[1])) do
   redis.call('ZREM', KEYS[3], key)
   redis.call('ZADD', KEYS[2], 0, key)
 end
 local found = redis.call('ZPOPMIN', KEYS[2])
 if #found == 0 then return false end
-redis.call('ZADD', KEYS[3], now + ARGV[1], found[1])
+redis.call('ZADD', KEYS[3], ARGV[2], found[1])
 return redis.call('HGET', KEYS[1], found[1])
-"""
-
-# KEYS: leases. ARGV: seconds, keys. A task that another worker has finished is not leased again.
-_RENEW = f"""{_NOW}
-for i = 2, #ARGV do
-  redis.call('ZADD', KEYS[1], 'XX', now + ARGV[1], ARGV[i])
-end
 """
 
 # KEYS: refused, queue, failed. ARGV: reason.
@@ -93,15 +81,15 @@ class RedisFrontier:
 
         try:
             self._redis: Any = redis.Redis.from_url(url, decode_responses=True, socket_timeout=30)
-            self._redis.ping()
+            seconds, microseconds = self._redis.time()
         except (redis.RedisError, ValueError) as error:  # a malformed address is a ValueError
             raise NoRedis(f"{url}: expected a Redis server; found {error}") from None
         self._keys = {part: f"metric-tree:{name}:{part}" for part in _PARTS}
         self._add = self._redis.register_script(_ADD)
         self._lease = self._redis.register_script(_LEASE)
-        self._renew = self._redis.register_script(_RENEW)
         self._reopen = self._redis.register_script(_REOPEN)
         self._lease_seconds = lease_seconds
+        self._clock_offset = seconds + microseconds / 1e6 - time.monotonic()
         self._leased: set[str] = set()
         self._url, self._is_begun = url, False
         self._items = SqliteFrontier(folder / "frontier.sqlite")
@@ -118,17 +106,22 @@ class RedisFrontier:
     def lease(self) -> Task | None:
         """Lease the next task; tasks with an expired lease wait."""
         keys = [self._keys[part] for part in ("tasks", "queue", "leases")]
-        text = self._lease(keys=keys, args=[self._lease_seconds])
-        if not text:
-            return None
-        task = Task.from_text(text)
-        self._leased.add(task.key)
+        now = self._now()
+        text = self._lease(keys=keys, args=[now, now + self._lease_seconds])
+        task = Task.from_text(text) if text else None
+        if task:
+            self._leased.add(task.key)
         return task
 
     def renew(self) -> None:
-        """Extend the leases of the tasks of this worker."""
+        """Extend the leases of the tasks of this worker, but not of those that another worker has finished."""
         if self._leased:
-            self._renew(keys=[self._keys["leases"]], args=[self._lease_seconds, *self._leased])
+            ends = dict.fromkeys(self._leased, self._now() + self._lease_seconds)
+            self._redis.zadd(self._keys["leases"], ends, xx=True)
+
+    def _now(self) -> float:
+        """Return the time of the server in seconds, so that the clocks of the workers may differ."""
+        return time.monotonic() + self._clock_offset
 
     def put_back(self, task: Task) -> None:
         """Return a leased task, perhaps changed."""
@@ -180,8 +173,7 @@ class RedisFrontier:
         done = sum(map(int, self._redis.hvals(self._keys["done"])))
         failed = sum(map(int, self._redis.hvals(self._keys["failed"])))
         leased = int(self._redis.zcard(self._keys["leases"]))
-        seconds, microseconds = self._redis.time()
-        expired = int(self._redis.zcount(self._keys["leases"], "-inf", seconds + microseconds / 1e6))
+        expired = int(self._redis.zcount(self._keys["leases"], "-inf", self._now()))
         waiting = int(self._redis.zcard(self._keys["queue"])) + expired
         counts = {"waiting": waiting, "leased": leased, "done": done, "failed": failed}
         return counts | {kind: count for kind, count in self._items.counts().items() if kind in {"items", "pictures"}}

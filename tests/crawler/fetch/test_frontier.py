@@ -150,7 +150,7 @@ def test_a_refused_task_is_offered_again_and_a_failed_one_is_not(
 
 
 def test_a_lease_that_is_renewed_does_not_expire(tmp_path: Path, redis_url: str) -> None:
-    alive, other = (RedisFrontier(redis_url, "test", tmp_path / name, lease_seconds=0.0) for name in ("one", "two"))
+    alive, other = (RedisFrontier(redis_url, "test", tmp_path / name, lease_seconds=-1.0) for name in ("one", "two"))
     alive.add([Task("http://a.example/1")])
     task = alive.lease()
     alive._lease_seconds = LEASE_SECONDS

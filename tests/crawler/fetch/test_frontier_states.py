@@ -165,7 +165,7 @@ class RedisStates(RuleBasedStateMachine):
         self.committed: set[str] = set()
 
     def _worker(self, number: int) -> RedisFrontier:
-        return RedisFrontier(self.address, "states", self.folder / str(number), lease_seconds=0.0)
+        return RedisFrontier(self.address, "states", self.folder / str(number), lease_seconds=-1.0)
 
     @rule(which=st.integers(0, 1), numbers=st.lists(NUMBERS, max_size=5), cut=st.integers(0, 3))
     def add(self, which: int, numbers: list[int], cut: int) -> None:

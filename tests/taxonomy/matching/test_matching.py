@@ -111,6 +111,14 @@ def test_words_that_name_no_single_object_find_none(matcher: Matcher, words: str
     assert (found.concept, found.rule) == (None, rule)
 
 
+def test_the_cache_of_texts_does_not_grow_with_titles(mini_wordnet: WordNet, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("taxonomy.matching.matcher.MAX_CACHED_TEXTS", 2)
+    matcher = Matcher(Lexicon(mini_wordnet, INSERTED), READINGS, {})
+    found = [matcher.finding("shop", ("All", words)).concept for words in ("mouse", "vase", "sofa", "mouse")]
+    assert found == ["mouse.n.02", "vase.n.01", "sofa.n.01", "mouse.n.02"]
+    assert matcher._cached_concept.cache_info().currsize == 2
+
+
 def test_an_object_with_its_part_is_the_object(matcher: Matcher) -> None:
     assert matcher.finding("shop", ("vase and cover",)).concept == "vase.n.01"
 

@@ -89,7 +89,7 @@ class RedisFrontier:
         self._lease = self._redis.register_script(_LEASE)
         self._reopen = self._redis.register_script(_REOPEN)
         self._lease_seconds = lease_seconds
-        self._clock_offset = seconds + microseconds / 1e6 - time.monotonic()
+        self._clock_offset: float = seconds + microseconds / 1e6 - time.monotonic()
         self._leased: set[str] = set()
         self._url, self._is_begun = url, False
         self._items = SqliteFrontier(folder / "frontier.sqlite")

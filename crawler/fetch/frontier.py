@@ -18,14 +18,10 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import Any, Literal, Protocol, TypeVar
 
 from crawler.sites.registry import canonical_url
 from metric_base.errors import InputError, StorageError
-
-if TYPE_CHECKING:
-    from crawler.fetch.redis_frontier import RedisFrontier
-    from crawler.fetch.sqlite_frontier import SqliteFrontier
 
 #: Refusals because of options of the crawl: a resume with other options adds these tasks again.
 OFF_SITE, PRIVATE = "off the site", "private address"
@@ -83,6 +79,49 @@ class Outcome:
         return self.max_items is None or new < self.max_items or len(self.items) <= new
 
 
+class Frontier(Protocol):
+    """Interface of a frontier: `SqliteFrontier` for one process, `RedisFrontier` for several."""
+
+    def add(self, tasks: Iterable[Task]) -> int:
+        """Add the tasks whose keys are new; return their number."""
+
+    def lease(self) -> Task | None:
+        """Lease the next task to this process; None if no task waits."""
+
+    def renew(self) -> None:
+        """Extend the leases of the tasks of this process, if they expire."""
+
+    def put_back(self, task: Task) -> None:
+        """Return a leased task, perhaps with another address (a redirect) or other values (a retry)."""
+
+    def commit(self, outcome: Outcome) -> int:
+        """Write the result of a leased task in one transaction; return the number of new items or images."""
+
+    def is_exhausted(self) -> bool:
+        """Return True if no task waits and no worker has a leased task."""
+
+    def counts(self) -> dict[str, int]:
+        """Tasks by state, items, and images."""
+
+    def origin(self) -> dict[str, Any]:
+        """Return the stored start addresses, query and category; empty if they are missing."""
+
+    def remember(self, origin: Mapping[str, Any]) -> None:
+        """Store start addresses, query and category for a resume."""
+
+    def reopen(self, reason: str) -> int:
+        """Let the tasks that were refused for a reason of `REFUSALS` wait again; return their number."""
+
+    def start_over(self) -> None:
+        """Remove all tasks of a crawl without result."""
+
+    def lines(self, after: int = 0, kind: Literal["items", "pictures"] = "items") -> Iterable[tuple[int, str]]:
+        """Return numbers and JSON lines of the items or images of this process after a number, in order."""
+
+    def close(self) -> None:
+        """Release files and connections."""
+
+
 def has_no_result(counts: Mapping[str, int]) -> bool:
     """Return True if a crawl ended without a page, so that its folder can be used again."""
     return not any(counts[state] for state in ("waiting", "leased", "done", "items"))
@@ -99,13 +138,12 @@ class FailFastFrontier:
 
     Parameters
     ----------
-    frontier : SqliteFrontier or RedisFrontier
-        For one process, or for several.
+    frontier : Frontier
     place : str
         File or server, for the message.
     """
 
-    def __init__(self, frontier: SqliteFrontier | RedisFrontier, place: str) -> None:
+    def __init__(self, frontier: Frontier, place: str) -> None:
         self._frontier = frontier
         self._place = place
         #: Called at the first error; ends the crawl.

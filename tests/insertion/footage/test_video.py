@@ -19,10 +19,11 @@ from tests.synthetic.rooms.quick import quick_scene
 from tests.synthetic.rooms.scene_files import write_scene
 from tests.synthetic.rooms.shapes import solid
 from tests.synthetic.rooms.similarity import similarity_between
+from tests.synthetic.rooms.world import Pinhole
 from tests.synthetic.videos import Lens, recorded, room, times_of, write_video
 
 FRAMES, TURNED = 7, 90
-LENS = Lens(k=-0.08)
+LENS = Lens(320, 240, 250.0, k=-0.08)
 
 
 def _add_sound(file: Path) -> None:
@@ -48,13 +49,13 @@ def _add_sound(file: Path) -> None:
 @pytest.fixture(scope="module")
 def work(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("work")
-    world = room("kitchen", 1002, frames=FRAMES)
+    world = replace(room("kitchen", 1002, frames=FRAMES), camera=Pinhole(LENS.width, LENS.height, LENS.focal))
     synthetic = quick_scene(world, Knobs(depth_noise=0.002, stray=0.0), 3)
     frames = list(recorded(world, LENS))
     times = times_of(FRAMES, variable=True, seed=4)
     write_video(folder / "video.mp4", [frame.colour for frame in frames], times, turned_deg=TURNED)
     _add_sound(folder / "video.mp4")
-    stored = Camera("SIMPLE_RADIAL", LENS.width, LENS.height, np.array([LENS.focal, 320.0, 240.0, LENS.k]))
+    stored = Camera("SIMPLE_RADIAL", LENS.width, LENS.height, np.array(LENS.params[1]))
     poses = [
         FramePose(
             k, float(times[k]), f"{k:06d}.png" if k % 2 == 0 else None, "reconstructed", v.rotation, v.translation

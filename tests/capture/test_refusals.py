@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 
 from capture.mapping.camera_models import CameraModelChoice
-from capture.mapping.features import MAIN, QUICK
+from capture.mapping.features import MAIN, POOLED, QUICK
 from capture.mapping.mapper import ModelReport
 from capture.mapping.match_graph import FramePair
 from capture.mapping.refusals import (
@@ -49,7 +50,16 @@ from tests.synthetic.videos import SyntheticFrame, recorded, room, straight_ahea
 POOLED_CODES = {"no_texture", "motion_blur"}
 
 
+@pytest.fixture
+def few_features(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Do not double the images before the search for features, which takes most of the time of small frames."""
+    main = replace(MAIN, first_octave=0)
+    monkeypatch.setattr("capture.mapping.search.MAIN", main)
+    monkeypatch.setattr("capture.mapping.search.STRATEGIES", (QUICK, main, POOLED))
+
+
 @pytest.mark.slow
+@pytest.mark.usefixtures("few_features")
 @pytest.mark.parametrize("code", REFUSED_VIDEOS)
 def test_a_capture_that_cannot_be_used_is_named(
     code: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
@@ -72,6 +82,7 @@ def test_a_capture_that_cannot_be_used_is_named(
     assert not (tmp_path / "w" / "result.json").exists()
 
 
+@pytest.mark.usefixtures("few_features")
 def test_a_focal_length_that_is_given_is_held(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Straight ahead no video determines it; with it, the video is used, and the result states what rests on it."""
     with skip_without(NoOpenGL):

@@ -4,6 +4,9 @@ A node may have states with other sizes: an umbrella open and folded, a book tha
 prior of the node is of its usual state, or of several if its rows do not state one (`plain`). The manifest of a release
 has the states of its nodes (`states`): the name of each, its sizes in mm and the standard deviation of ln size. They
 are judged, with the standard deviation that judged ranges have.
+
+Sources state the height of a dog at the withers. For such nodes and those below them, the manifest has the ratio of the
+vertical extent with the head to this height (`heights`), and `Node.outer` gives the prior of the outer extents.
 """
 
 from __future__ import annotations
@@ -25,6 +28,11 @@ from metric_tree.tiers import Evidence, is_at_least
 if TYPE_CHECKING:
     from metric_tree.context import ContextModel, KnownContexts, Where
     from metric_tree.variants import StatedSize, Variant
+
+#: State of an animal whose height is at the withers, by its vertical extent.
+WITH_HEAD = "standing, with its head"
+#: Half-width of the stated range of a ratio in standard deviations: 90 % of the objects are between its ends.
+HALF_WIDTH_SD = 1.645
 
 
 def state_priors(node_id: str, record: Sequence[Mapping[str, Any]]) -> dict[str, Prior]:
@@ -271,7 +279,34 @@ class Node:
         >>> sorted(metric_tree.open().find("umbrella").states)
         ['folded', 'open']
         """
-        return state_priors(self.node_id, self._manifest_entry("states", ()))
+        states = state_priors(self.node_id, self._manifest_entry("states", ()))
+        if self._height.get("extent") and self.prior_dims:
+            prior = self.outer(self.tree.prior(self.node_id, max(self.prior_dims, key=len)))
+            states[WITH_HEAD] = replace(prior, tier="judged", norm=None)
+        return states
+
+    def outer(self, prior: Prior) -> Prior:
+        """Return a prior of the node with the vertical extent as its height.
+
+        For an animal whose height is at the withers, the vertical extent is that of the standing animal with its head:
+        the height times a ratio, whose spread is added. Other priors are unchanged.
+
+        >>> import metric_tree
+        >>> beagle = metric_tree.open().find("beagle")
+        >>> (beagle.outer(beagle.prior()).quantile(0.5) / beagle.prior().quantile(0.5)).round(3).tolist()
+        [1.2]
+        """
+        ratio = self._height.get("extent")
+        if not ratio or "height" not in prior.dims:
+            return prior
+        low, typical, high = np.log(np.asarray(ratio, dtype=float))
+        is_height = np.array([dim == "height" for dim in prior.dims], dtype=float)
+        variance = ((high - low) / (2 * HALF_WIDTH_SD)) ** 2
+        return replace(
+            prior,
+            means=prior.means + typical * is_height,
+            covariances=prior.covariances + np.diag(variance * is_height),
+        )
 
     @property
     def plain_state(self) -> str | None:
@@ -292,13 +327,21 @@ class Node:
         >>> metric_tree.open().find("bathtub").height_is
         'rim to floor, outside'
         """
-        height: str | None = self._manifest_entry("heights", {}).get("height")
+        height: str | None = self._height.get("height")
         return height
 
     @property
     def underside_seen(self) -> bool:
         """False for built-in objects (a sink, a counter), whose complete height is not visible."""
-        return bool(self._manifest_entry("heights", {}).get("underside_seen", True))
+        return bool(self._height.get("underside_seen", True))
+
+    @property
+    def _height(self) -> Mapping[str, Any]:
+        """Definition of the height in the manifest: of the node, or the nearest one above with a ratio of extents."""
+        entries = self.tree.release.manifest.get("heights", {})
+        above = (entries[one.node_id] for one in self.ancestors() if "extent" in entries.get(one.node_id, {}))
+        entry: Mapping[str, Any] = self._manifest_entry("heights", None) or next(above, {})
+        return entry
 
     def _manifest_entry(self, field: str, default: object) -> Any:
         """Return the entry of the node, or of the node whose leaf it is, in a field of the manifest."""

@@ -37,7 +37,7 @@ from metric_base.errors import InputError
 from metric_base.spelling import ADVICE
 from metric_tree.axes import AXES, EXTENTS
 from metric_tree.context import Where
-from metric_tree.node import Node
+from metric_tree.node import WITH_HEAD, Node
 from metric_tree.prior import Prior
 from metric_tree.tree import DETECTORS, Tree
 
@@ -246,13 +246,14 @@ def prior_for_scene_type(prior: Prior, probability: tuple[float, ...], types: Sc
 def prior_with_states(prior: Prior, node: Node) -> Prior:
     """Return the mixture of a prior and of the states of its node that it does not describe, with equal weights.
 
-    A state has the shared error of the class. The prior is unchanged if the node has no other state over its
-    dimensions, or if the name of the object stated a size.
+    A state has the shared error of the class. The prior is that of the outer extents (`Node.outer`). There is no other
+    change if the node has no other state over its dimensions, or if the name of the object stated a size.
     """
+    prior = node.outer(prior)
     states = [
         state.marginal(prior.dims)
         for name, state in node.states.items()
-        if name != node.plain_state and set(prior.dims) <= set(state.dims)
+        if name not in (node.plain_state, WITH_HEAD) and set(prior.dims) <= set(state.dims)
     ]
     if not states or node.stated is not None:
         return prior

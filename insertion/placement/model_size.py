@@ -66,7 +66,7 @@ def model_size(model: Model, request: str, tree: Tree | None = None, category: s
         if axis is None:
             how = "expected a category with a known height, length or width"
             raise InputError(f"--size prior: {how}; found {node.node_id}")
-        metres = float(node.prior((axis,)).quantile(0.5)[0]) / 1000.0
+        metres = float(node.outer(node.prior((axis,))).quantile(0.5)[0]) / 1000.0
         return ModelSize(metres / _extent(model, axis), f"prior of {node.node_id}: {axis} {metres:.3g} m")
     stated = _STATED.match(request)
     if stated is None:

@@ -37,6 +37,7 @@ _DIRECTORY = taxonomy_directory().parent / "curated"
 
 #: A date. A comma without quotes moves the cells of a row, so that the last cell is not a date.
 Date: TypeAlias = Annotated[str, msgspec.Meta(pattern=r"^\d{4}(-\d\d){0,2}$")]
+Factor: TypeAlias = Annotated[float, msgspec.Meta(ge=0.5, le=2)]
 
 
 class BadRange(BadLevels):
@@ -123,14 +124,30 @@ class Norm(CuratedSize, frozen=True, kw_only=True):
 
 
 class CuratedHeight(msgspec.Struct, frozen=True, kw_only=True):
-    """A row of `heights.csv`: the definition of the height of a hollow object, or `mixed: ` and the definitions."""
+    """A row of `heights.csv`: the definition of the height of a node, or `mixed: ` and the definitions.
+
+    The vertical extent of nine of ten animals is between `extent_low` and `extent_high` times the height at the
+    withers. The row then holds for the nodes below it, too.
+    """
 
     node_id: Text
     height: Text
     underside: Literal["seen", "unseen"]
+    extent_low: Factor | None = None
+    extent_typical: Factor | None = None
+    extent_high: Factor | None = None
     reason: Text
     reviewer: Text
     written: Text
+
+    def __post_init__(self) -> None:
+        is_valid = len(self.extent) in {0, 3} and self.extent == sorted(self.extent)
+        expect(is_valid, "extent", "low, typical and high in order, or none", self.extent)
+
+    @property
+    def extent(self) -> list[float]:
+        """Low, typical and high ratio of the vertical extent to the height; empty if they are equal."""
+        return [one for one in (self.extent_low, self.extent_typical, self.extent_high) if one is not None]
 
 
 class SettledFinding(msgspec.Struct, frozen=True, kw_only=True):

@@ -107,9 +107,10 @@ def state_records(nodes: Container[str]) -> dict[str, list[dict[str, Any]]]:
 
 
 def height_records(nodes: Container[str]) -> dict[str, dict[str, Any]]:
-    """Return the definitions of height of the hollow nodes of the release, as in the manifest (`Node.height_is`)."""
+    """Return the definitions of height of the nodes of the release, as in the manifest (`Node.height_is`)."""
     return {
         one.node_id: {"height": one.height, "underside_seen": one.underside == "seen", "reason": one.reason}
+        | ({"extent": one.extent} if one.extent else {})
         for one in sorted(curated_heights(), key=lambda one: one.node_id)
         if one.node_id in nodes
     }

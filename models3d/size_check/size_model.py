@@ -134,7 +134,7 @@ def node_model(tree: Tree, node_id: str, is_broader: bool = False) -> SizeModel 
     if not node.prior_dims:
         return None
     dims = max(node.prior_dims, key=lambda names: (len(names), names == node.dims))
-    return size_model(node.prior(dims), node.tier, is_broader=is_broader)
+    return size_model(node.outer(node.prior(dims)), node.tier, is_broader=is_broader)
 
 
 def extents_text(extents: Sequence[float]) -> str:

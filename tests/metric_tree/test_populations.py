@@ -92,7 +92,7 @@ def test_variants_with_shares_of_a_region_and_a_year_replace_the_prior(tree):
 def test_variants_without_shares_do_not_replace_a_measured_size(tree):
     """Food cans of norms are not the only ones; the table has no shares of them."""
     assert not np.allclose(tree.find("bathtub").prior(where="europe").covariances, 0)
-    assert "against the plain prior" in tree.find("bathtub").prior(where="europe").note
+    assert "so that the plain prior holds" in tree.find("bathtub").prior(where="europe").note
 
 
 @pytest.mark.parametrize(

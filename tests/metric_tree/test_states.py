@@ -7,7 +7,7 @@ import pytest
 
 from metric_base.errors import InputError
 from metric_tree.curated.sizes import curated_heights
-from metric_tree.node import state_priors
+from metric_tree.node import WITH_HEAD, state_priors
 from metric_tree.pipeline.companion_files import height_records
 from metric_tree.tree import open_tree
 
@@ -43,3 +43,26 @@ def test_the_release_says_what_its_heights_are() -> None:
 def test_objects_of_one_scene_share_35_per_cent_of_the_variance_of_a_state() -> None:
     [prior] = state_priors("chair", [FOLDED]).values()
     assert prior.shared_covariance == pytest.approx(0.35 * 0.2**2 * np.eye(3))
+
+
+def test_the_vertical_extent_of_an_animal_is_that_with_its_head() -> None:
+    """Breeds have the definition of the node above them; the ratio has its own spread."""
+    tree = open_tree()
+    [ratio] = [one.extent for one in curated_heights() if one.node_id == "dog.n.01"]
+    for name in ("dog", "beagle"):
+        node = tree.find(name)
+        prior, outer = node.prior(("height",)), node.states[WITH_HEAD].marginal(("height",))
+        assert node.height_is == tree.node("dog.n.01").height_is
+        assert outer.quantile(0.5) / prior.quantile(0.5) == pytest.approx([ratio[1]], rel=0.01)
+        variance = (np.log(ratio[2] / ratio[0]) / (2 * 1.645)) ** 2
+        assert outer.log_sd() ** 2 == pytest.approx(prior.log_sd() ** 2 + variance)
+        assert node.outer(prior).tier == prior.tier
+
+
+def test_the_outer_extents_of_other_things_are_those_of_the_prior() -> None:
+    tree = open_tree()
+    chair, dog = tree.find("chair"), tree.find("dog")
+    assert chair.outer(chair.prior()) is chair.prior()
+    lengths = dog.prior(("length", "width"))
+    assert dog.outer(lengths) is lengths
+    assert tree.find("mixing bowl").height_is is None  # a definition without a ratio holds for its node alone

@@ -179,4 +179,4 @@ def test_the_basis_states_withheld_sources() -> None:
     default, opened = (basis(tree.release.manifest) for tree in (metric_tree.open(), metric_tree.open(licence="open")))
     assert "of 53 sources whose rows are not published" in default
     assert "nuscenes_mini" in default
-    assert opened.startswith("The priors of 4.1.0-open are fitted to 49,570 items of sources with open licences. ")
+    assert opened.startswith("The priors of 4.2.0-open are fitted to 49,570 items of sources with open licences. ")

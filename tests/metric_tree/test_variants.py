@@ -56,6 +56,11 @@ def test_every_norm_is_a_variant_with_the_same_sizes():
         ("king size mattress", "mattress.n.01", {"length": 2032, "width": 1930}),
         ("2x4", "lumber.n.01", {"extent2": 89, "extent3": 38}),
         ("railroad tie", "lumber.n.01", {"extent1": 2591}),
+        ("A-board", "signboard.n.01", {"length": 650, "height": 1050}),
+        ("snooker table", "pool_table.n.01", {"length": 3820}),
+        ("T8 lamp", "mt:tubular_bulb", {"height": 1213.6}),
+        ("42U rack", "mt:server", {"height": 1991}),
+        ("29er wheel", "bicycle_wheel.n.01", {"length": 736}),
     ],
 )
 def test_the_name_of_a_variant_is_the_node_with_this_size(tree, text, node_id, sizes):
@@ -87,6 +92,14 @@ def test_a_number_in_a_name_conditions_the_prior(tree, text, node_id, dim, mm):
     low, high = meaning.node.prior((dim,)).interval(0.9)[0]
     plain_low, plain_high = tree.node(node_id).prior((dim,)).interval(0.9)[0]
     assert high / low < plain_high / plain_low
+
+
+@pytest.mark.parametrize(
+    ("name", "where", "mm"),
+    [("traffic lane", "usa", 3658), ("parking space", "germany", 2500), ("railway gauge", "russia", 1520)],
+)
+def test_lanes_bays_and_tracks_have_the_width_of_the_standard_of_a_country(tree, name, where, mm):
+    assert tree.find(name).prior(("width",), where).quantile(0.5) == pytest.approx([mm], rel=0.01)
 
 
 def test_numbers_that_are_no_size_are_ignored(tree):

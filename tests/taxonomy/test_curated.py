@@ -128,15 +128,18 @@ def test_a_state_is_named_once_for_each_node(tmp_path: Path) -> None:
 
 
 def test_a_height_is_said_once_for_each_node(tmp_path: Path) -> None:
-    header = "node_id,height,underside,reason,reviewer,written\nsink.n.01,the bowl,unseen,why,Ada,2026-11-23\n"
-    (file := tmp_path / "heights.csv").write_text(header)
-    [one] = curated_heights(file)
-    assert (one.height, one.underside) == ("the bowl", "unseen")
+    header = "node_id,height,underside,extent_low,extent_typical,extent_high,reason,reviewer,written\n"
+    header += "sink.n.01,the bowl,unseen,,,,why,Ada,2026-11-23\n"
+    (file := tmp_path / "heights.csv").write_text(f"{header}dog.n.01,withers,seen,1,1.2,1.4,why,Ada,2026-11-28\n")
+    one, dog = curated_heights(file)
+    assert (one.height, one.underside, one.extent, dog.extent) == ("the bowl", "unseen", [], [1.0, 1.2, 1.4])
     assert curated_heights(tmp_path / "none.csv") == ()
     wrong = {
-        "node_id": "sink.n.01,x,seen,why,Ada,2026",
-        "underside": "bowl,x,no,why,Ada,2026",
-        "height": "cup,,seen,a,b,c",
+        "node_id": "sink.n.01,x,seen,,,,why,Ada,2026",
+        "underside": "bowl,x,no,,,,why,Ada,2026",
+        "height": "cup,,seen,,,,a,b,c",
+        "extent": "dog,x,seen,1,1.4,1.2,a,b,c",
+        "extent_low": "dog,x,seen,0.4,1,1.2,a,b,c",
     }
     for column, row in wrong.items():
         (bad := tmp_path / f"{column}.csv").write_text(f"{header}{row}\n")

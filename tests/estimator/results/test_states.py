@@ -72,3 +72,14 @@ def test_without_other_states_the_prior_is_unchanged(name: str, tree: Tree) -> N
     assert prior_with_states(prior, node) is prior
     assert is_sorted(prior) == (name == "umbrella")
     assert (node.stated is not None) == (name == "65 inch television")
+
+
+@pytest.mark.parametrize("height", [0.42, 0.68])
+def test_a_dog_is_as_high_as_its_head(height: float, tree: Tree) -> None:
+    """Its height is at the withers, 0.45 m; the measured extent is that with its head, in any pose."""
+    dog = tree.find("dog")
+    mixed = prior_with_states(dog.prior(("height",)), dog)
+    plain, outer = dog.prior(("height",)), dog.outer(dog.prior(("height",)))
+    assert np.array_equal(mixed.means[: len(outer.means)], outer.means)
+    assert (outer.means > plain.means).all()
+    assert report("dog", (0.9, 0.25, height), tree).verdict == "used"

@@ -10,13 +10,14 @@ from typing import Any
 
 import msgspec
 
+from capture.caution_files import read_cautions, write_cautions
 from capture.frame_poses import FILE_NAME, FramePose, FramePoses, scaled_camera, write_frame_poses
 from capture.localisation import localised_frames
 from capture.mapping.camera_prior import Lens
 from capture.mapping.mapper import ModelReport
 from capture.mapping.search import MODEL_STAGES, REPORT, ModelSearch
 from capture.mapping.worker import limit_of
-from capture.quality_warnings import capture_cautions, read_cautions, write_cautions
+from capture.quality_warnings import capture_cautions
 from capture.sources.frames import FRAMES_FILE, Frames, Source, make_frames, read_frames, source_of
 from capture.sources.video import Video
 from capture.work_folder import WorkFolder, content_digest

@@ -1,8 +1,7 @@
-"""Warnings about a reconstruction, stored in the work folder and repeated with every result."""
+"""Warnings about a reconstruction, which `caution_files` stores in the work folder."""
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 from capture.mapping.mapper import ModelReport
@@ -16,13 +15,7 @@ from capture.mapping.refusals import (
     MIN_WARNED_PATTERN,
 )
 from capture.sources.frames import Frames
-from metric_base.errors import InputError, in_file
-from metric_base.files import write_whole
-from metric_base.input_files import read_json
-from metric_base.parsing import json_array
 
-CAUTIONS_FILE = "cautions.json"
-SCHEMA = "metric-tree/cautions/1"
 #: Maximum number of frames without a place that are named.
 MAX_NAMED = 5
 
@@ -93,28 +86,3 @@ def _focal_warnings(report: ModelReport, model: ModelMetrics, focal_given: bool)
             "depths against widths; walk around the objects, turn the camera as you walk, or give --focal"
         ]
     return []
-
-
-def write_cautions(cautions: tuple[str, ...], folder: Path) -> None:
-    """Write the warnings to a work folder."""
-    text = json.dumps({"schema": SCHEMA, "cautions": list(cautions)}) + "\n"
-    write_whole(folder / CAUTIONS_FILE, text, "--work", "metric-tree/cautions/")
-
-
-def read_cautions(folder: Path) -> tuple[str, ...]:
-    """Return the warnings of a work folder, an empty tuple if the file is missing.
-
-    Raises
-    ------
-    InputError
-        The file is damaged.
-    """
-    file = folder / CAUTIONS_FILE
-    if not file.is_file():
-        return ()
-    with in_file(file):
-        record = read_json(file)
-        rows = json_array(record.get("cautions") if isinstance(record, dict) else record)  # of version 1.0.0
-    if not all(isinstance(row, str) for row in rows):
-        raise InputError.at(file, "cautions", "sentences", rows)
-    return tuple(rows)

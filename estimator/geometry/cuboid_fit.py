@@ -231,7 +231,8 @@ def cuboid_projections(rotation: FloatArray, translation: FloatArray, parameters
     # Corners behind the camera are far to the side.
     furthest = 1e-3 * np.abs(camera).max(axis=(1, 2, 3, 4), keepdims=True)
     image = camera[..., :2] / np.maximum(camera[..., 2:], furthest)
-    return np.asarray((image @ DIRECTIONS.T).max(axis=2))
+    along = image.reshape(-1, 2) @ DIRECTIONS.T  # as one product, which is faster than many small ones
+    return np.asarray(along.reshape(*image.shape[:-1], -1).max(axis=2))
 
 
 def _padded(problems: Sequence[CuboidProblem]) -> _Batch:

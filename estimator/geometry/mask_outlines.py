@@ -146,21 +146,22 @@ def _outline_extents(
     along = pixels @ DIRECTIONS.T  # (k, 8)
     furthest = along.max(axis=0)
     is_outer = along >= furthest - OUTER_FRACTION * (furthest - along.min(axis=0))
-    is_cut = np.repeat(is_at_border(pixels, camera.width, camera.height)[:, None], 8, axis=1)
     if instance.from_box:
         is_outer = np.eye(BOX_DIRECTIONS, 8, dtype=bool)
-    else:
+    pixel, direction = np.nonzero(is_outer)  # (p,)
+    is_cut = is_at_border(pixels, camera.width, camera.height)[pixel]
+    if not instance.from_box:
         step = OCCLUDER_DISTANCE_PX + OCCLUDER_DISTANCE_FRACTION * float(np.hypot(width, height))
-        outside = np.floor(pixels[:, None] + step * DIRECTIONS).astype(np.int64)  # (k, 8, 2)
-        low, high = outside.min(axis=(0, 1)), outside.max(axis=(0, 1))
+        outside = np.floor(pixels[pixel] + step * DIRECTIONS[direction]).astype(np.int64)  # (p, 2)
+        low, high = outside.min(axis=0), outside.max(axis=0)
         for other in occluders:
             if np.all(low < np.add(other.origin, other.mask.shape[::-1])) and np.all(high >= other.origin):
                 index = outside - np.array(other.origin)  # of the pixel in the mask
-                inside: BoolArray = np.all((index >= 0) & (index < other.mask.shape[::-1]), axis=2)
+                inside: BoolArray = np.all((index >= 0) & (index < other.mask.shape[::-1]), axis=1)
                 columns, rows = index[inside].T
                 inside[inside] = other.mask[rows, columns]
                 is_cut |= inside
-    is_free: BoolArray = (is_cut & is_outer).sum(axis=0) <= MIN_CUT_FRACTION * is_outer.sum(axis=0)
+    is_free: BoolArray = np.bincount(direction[is_cut], minlength=8) <= MIN_CUT_FRACTION * is_outer.sum(axis=0)
     # The contour is half a pixel inside the border of a mask; a box has only four directions.
     half_pixel = 0.0 if instance.from_box else 0.5 / focal
     is_free[BOX_DIRECTIONS if instance.from_box else len(DIRECTIONS) :] = False

@@ -301,7 +301,9 @@ def _point_rays(item: MeasuredObject, data: OutlineData) -> PointRays | None:
     rows: IntArray = evenly_spaced(item.point_rows, MAX_FIT_POINTS)
     eyes = np.full((len(rows), 3), np.nan)
     for member in item.members:
-        is_new = np.isin(rows, row_indices(cloud.membership, member)) & np.isnan(eyes[:, 0])
+        own = row_indices(cloud.membership, member)  # sorted
+        is_member = np.searchsorted(own, rows, side="right") > np.searchsorted(own, rows)
+        is_new = is_member & np.isnan(eyes[:, 0])
         eyes[is_new] = data.scene.views[data.instances[member].view].centre
     offsets = cloud.points[rows] - eyes
     depths = np.linalg.norm(offsets, axis=1)

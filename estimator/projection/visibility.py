@@ -20,7 +20,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from estimator.projection.cameras import PINHOLES, project
-from estimator.records.scene import DenseCloud, Scene, View
+from estimator.records.scene import Camera, DenseCloud, Scene, View
 from metric_base.arrays import BoolArray, FloatArray, IntArray, evenly_spaced
 
 #: Weight of a rotation by one radian in the distance between two views; a translation by the extent of all cameras has
@@ -41,6 +41,8 @@ DEPTH_TOLERANCE = 0.03
 MAX_SLANT_COTANGENT = 2.75
 #: Number of cells of a depth image along the image width. Empty cells are treated as empty space.
 DEPTH_IMAGE_WIDTH = 160
+#: Number of points that are projected at once; their coordinates fit into the cache of a core.
+BLOCK_POINTS = 8192
 #: Maximum number of points that are drawn into a depth image.
 MAX_DEPTH_POINTS = 20_000
 
@@ -126,6 +128,8 @@ def points_by_view(cloud: DenseCloud, n_views: int, step: int = 1) -> list[IntAr
     if step > 1:
         keep = rows % step == 0
         rows, views = rows[keep] // step, views[keep]
+    if n_views <= 2**16:  # NumPy sorts 16-bit integers by radix, which is faster
+        views = views.astype(np.uint16)
     order = np.argsort(views, kind="stable")
     ends = np.searchsorted(views[order], np.arange(n_views + 1))
     return [rows[order[start:end]] for start, end in pairwise(ends)]
@@ -133,6 +137,16 @@ def points_by_view(cloud: DenseCloud, n_views: int, step: int = 1) -> list[IntAr
 
 def project_to_view(view: View, points: FloatArray) -> ProjectedPoints:
     """Return the points (n, 3) that project into the image, without an occlusion test."""
+    starts = range(0, max(len(points), 1), BLOCK_POINTS)
+    blocks = [_project_block(view, points[start : start + BLOCK_POINTS], start) for start in starts]
+    pixels = np.concatenate([block.pixels.T for block in blocks], axis=1).T
+    return ProjectedPoints(
+        np.concatenate([block.rows for block in blocks]), pixels, np.concatenate([block.depths for block in blocks])
+    )
+
+
+def _project_block(view: View, points: FloatArray, first: int) -> ProjectedPoints:
+    """Return the points (n, 3) that project into the image; their rows start at `first`."""
     # (3, n); einsum, because the threads of BLAS would wait for one another in a product with three rows
     local = np.einsum("ij,jn->in", view.rotation, points.T) + view.translation[:, None]
     # Points outside the frustum are dropped before the projection. Lenses with distortion have no simple frustum.
@@ -151,7 +165,7 @@ def project_to_view(view: View, points: FloatArray) -> ProjectedPoints:
     x, y = pixels.T
     # Pixels behind the camera and beyond the field of view are NaN, and NaN is not inside.
     inside = np.flatnonzero((x >= 0) & (x < camera.width) & (y >= 0) & (y < camera.height))
-    return ProjectedPoints(rows[inside], pixels.take(inside, axis=0), local[2, inside])
+    return ProjectedPoints(first + rows[inside], pixels.T.take(inside, axis=1).T, local[2].take(inside))
 
 
 def indicator_matrix(rows: Sequence[IntArray], count: int) -> csr_array:
@@ -187,9 +201,13 @@ def project_unoccluded(view: View, points: FloatArray, slant: float = 0.0) -> Pr
         surface with this slant. The cell size follows from the number of points (`EXPECTED_POINTS_PER_CELL`).
     """
     projected = project_to_view(view, points)
+    return projected.take_points(np.flatnonzero(is_unoccluded(view.camera, projected, slant)))
+
+
+def is_unoccluded(camera: Camera, projected: ProjectedPoints, slant: float = 0.0) -> BoolArray:
+    """Return whether each projected point (k,) is not occluded by the others; see `project_unoccluded`."""
     if projected.rows.size == 0:
-        return projected
-    camera = view.camera
+        return np.ones(0, dtype=bool)
     side = max(camera.width, camera.height)
     wanted = np.sqrt(camera.width * camera.height * EXPECTED_POINTS_PER_CELL / projected.rows.size)
     cell = float(np.clip(wanted, side / CELLS_PER_SIDE_RANGE[1], side / CELLS_PER_SIDE_RANGE[0]))
@@ -202,7 +220,7 @@ def project_unoccluded(view: View, points: FloatArray, slant: float = 0.0) -> Pr
     np.minimum.at(nearest, cells, depths)
     # The first parameter of all camera models is a focal length in pixels.
     tolerance = max(DEPTH_TOLERANCE, slant * cell / camera.focal_px)
-    return projected.take_points(np.flatnonzero(depths <= nearest[cells] * np.float32(1 + tolerance)))
+    return np.asarray(depths <= nearest[cells] * np.float32(1 + tolerance))
 
 
 def infer_observations(views: Iterable[View], points: FloatArray) -> tuple[View, ...]:

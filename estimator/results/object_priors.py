@@ -205,17 +205,18 @@ def scene_type_probabilities(nodes: Sequence[Node], types: SceneTypes | None = N
     `MIN_CLASSES` of these classes.
     """
     types = types or shipped_scene_types()
-    count: Counter[str] = Counter()
-    for node in nodes:
-        ancestor: Node | None = node
-        while ancestor is not None and ancestor.node_id not in types.nodes:
-            ancestor = ancestor.parent
-        if ancestor is not None:
-            count[ancestor.node_id] += 1
+    count = Counter(name for node in nodes if (name := _class_of(node, types)) is not None)
     if len(count) < MIN_CLASSES:
         return None
     probability = types.probabilities([count[name] for name in types.nodes])
     return tuple((np.round(probability / PROBABILITY_STEP) * PROBABILITY_STEP).tolist())
+
+
+@lru_cache(maxsize=4096)
+def _class_of(node: Node, types: SceneTypes) -> str | None:
+    """Return the id of the closest node at or above a node that the scene types contain, or None."""
+    ancestors = (above.node_id for above in (node, *node.ancestors()))
+    return next((name for name in ancestors if name in types.nodes), None)
 
 
 @lru_cache(maxsize=2048)
@@ -283,7 +284,8 @@ def object_evidence(
     for index, item in enumerate(objects):
         match = matches[item.category]
         if reasons[index] is None and match.node is not None and match.prior is not None:
-            judged = replace(item, score=item.score * _score_factor(item, match))
+            factor = _score_factor(item, match)
+            judged = item if factor == 1 else replace(item, score=item.score * factor)
             prior = match.prior if probability is None else prior_for_scene_type(match.prior, probability)
             candidates[index] = ObjectEvidence(judged, prior_with_states(prior, match.node), match.node.pose)
     used: dict[int, tuple[str, ...]] = {}

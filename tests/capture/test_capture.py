@@ -16,8 +16,8 @@ import pytest
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
+from capture.caution_files import read_cautions
 from capture.frame_poses import read_frame_poses
-from capture.quality_warnings import read_cautions
 from estimator.reconstructions.scene_reader import read_scene
 from metric_base.arrays import FloatArray
 from metric_cli.estimate_scale.estimate import main

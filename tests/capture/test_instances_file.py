@@ -9,8 +9,8 @@ from typing import Any
 import msgspec
 import pytest
 
+from capture.caution_files import CAUTIONS_FILE, read_cautions
 from capture.masks.instances_file import INSTANCES, copy_dataset
-from capture.quality_warnings import CAUTIONS_FILE, read_cautions
 from capture.sources.frames import FRAMES_FILE, ChosenFrame, Frames
 from capture.work_folder import WorkFolder
 from metric_base.errors import InputError

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from capture.caution_files import read_cautions
 from capture.mapping.camera_models import CameraModelChoice
 from capture.mapping.features import MAIN, POOLED, QUICK
 from capture.mapping.mapper import ModelReport
@@ -36,7 +37,7 @@ from capture.mapping.refusals import (
     refusal,
 )
 from capture.mapping.search import best_run, is_certain
-from capture.quality_warnings import capture_cautions, read_cautions
+from capture.quality_warnings import capture_cautions
 from capture.sources.frames import ChosenFrame, Frames
 from metric_cli.estimate_scale.estimate import main
 from tests.support.captures import right_model, walk_graph

@@ -66,6 +66,7 @@ capture
 capture.sources
 capture.mapping
 capture.dense capture.masks
+capture.caution_files
 capture.quality_warnings
 capture.localisation
 capture.pipeline

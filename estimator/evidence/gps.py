@@ -29,6 +29,7 @@ from metric_base.arrays import FloatArray
 from metric_base.errors import FieldError, InputError, Unquoted, at_field, in_file
 from metric_base.images import image_header
 from metric_base.parsing import csv_rows, finite_numbers
+from metric_base.rectangles import place_at
 
 KIND, VIDEO_KIND = "gps", "gps_video"
 #: Maximum time in seconds between the frames of a video without a gap in its path.
@@ -92,11 +93,12 @@ class Gps:
     def observe(self, scene: Scene, measurements: Measurements) -> tuple[ScaleEvidence, ...]:
         """Return the scale of the similarity from the cameras to their positions; skipped if the path is too short."""
         if self.source == "exif":
-            (positions, accuracy), geodetic = exif_positions(scene, self.images), True
+            (stated, accuracy), geodetic = exif_positions(scene, self.images), True
             name = "exif"
         else:
-            (positions, geodetic), accuracy = _table_positions(Path(self.source), scene), None
+            (stated, geodetic), accuracy = _table_positions(Path(self.source), scene), None
             name = Path(self.source).name
+        positions = _in_metres(stated, geodetic)
         if len(positions) < MIN_POSITIONS:
             return skipped_evidence(KIND, name, f"{len(positions)} views have a position, {MIN_POSITIONS} needed")
         centres, metres = np.array([scene.views[row].centre for row in positions]), np.array(list(positions.values()))
@@ -104,6 +106,8 @@ class Gps:
             return skipped_evidence(KIND, name, reason)
         up = measurements.up if geodetic else None
         rows = position_evidence(KIND, name, centres, metres, accuracy, up)
+        if geodetic:
+            rows = _with_place(rows, np.array(list(stated.values())))
         if self.source == "exif":
             return rows
         assumption = "taken as decimal degrees and metres" if geodetic else taken_as_metres(positions.values())
@@ -132,9 +136,9 @@ class VideoGps:
         up = measurements.up if self.positions.geodetic else None
         accuracy = self.positions.accuracy_m or TYPICAL_ACCURACY_M
         evidence = position_evidence(VIDEO_KIND, self.name, centres, metres, accuracy, up)
-        return (
-            evidence if self.positions.geodetic else tuple(replace(row, assumption=TAKEN_AS_METRES) for row in evidence)
-        )
+        if self.positions.geodetic:
+            return _with_place(evidence, self.positions.positions[rows])
+        return tuple(replace(row, assumption=TAKEN_AS_METRES) for row in evidence)
 
 
 def speed_problem(times_s: FloatArray, metres: FloatArray) -> str | None:
@@ -282,8 +286,14 @@ def east_north_up(degrees: FloatArray) -> FloatArray:
     return np.asarray(pycolmap.GPSTransform().ellipsoid_to_enu(degrees, latitude, longitude, altitude))
 
 
-def _table_positions(file: Path, scene: Scene) -> tuple[dict[int, FloatArray], bool]:
-    """Read the positions (3,) in metres by index of the view, and whether the third coordinate is a height."""
+def _with_place(rows: tuple[ScaleEvidence, ...], degrees: FloatArray) -> tuple[ScaleEvidence, ...]:
+    """Return evidence with the country or region of its latitudes and longitudes (n, 2 or 3), in degrees."""
+    latitude, longitude = np.median(degrees[:, :2], axis=0).tolist()
+    return tuple(replace(row, place=place_at(latitude, longitude)) for row in rows)
+
+
+def _table_positions(file: Path, scene: Scene) -> tuple[dict[int, list[float]], bool]:
+    """Read the positions of the views by their index, and whether they are in degrees; otherwise they are in metres."""
     rows = ViewLookup(scene)
     fields, records = csv_rows(file)
     names = {field.strip().lower() for field in fields}
@@ -302,12 +312,11 @@ def _table_positions(file: Path, scene: Scene) -> tuple[dict[int, FloatArray], b
                 )
                 if columns[0] == "lat" and abs(values[row][0]) > POLE_DEG:
                     raise FieldError("lat", "degrees from -90 to 90; is it the longitude?", values[row][0])
-    geodetic = columns[0] == "lat"
-    return _in_metres(values, geodetic), geodetic
+    return values, columns[0] == "lat"
 
 
-def exif_positions(scene: Scene, images: Path | None) -> tuple[dict[int, FloatArray], float]:
-    """Read the positions (3,) in metres by index of the view from the images, and their median error in metres."""
+def exif_positions(scene: Scene, images: Path | None) -> tuple[dict[int, list[float]], float]:
+    """Read latitude, longitude (degrees) and altitude (metres) of the views by their index, and the median error."""
     folders, values, accuracies = image_folders(scene, images), dict[int, list[float]](), list[float]()
     for row, view in enumerate(scene.views):
         file = image_file(folders, view)
@@ -319,7 +328,7 @@ def exif_positions(scene: Scene, images: Path | None) -> tuple[dict[int, FloatAr
             if position is not None:
                 values[row] = position
                 accuracies.append(accuracy)
-    return _in_metres(values, geodetic=True), float(np.median(accuracies)) if accuracies else TYPICAL_ACCURACY_M
+    return values, float(np.median(accuracies)) if accuracies else TYPICAL_ACCURACY_M
 
 
 def _timed(scene: Scene, images: Path | None, positions: Mapping[int, FloatArray]) -> tuple[FloatArray, FloatArray]:

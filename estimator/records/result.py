@@ -67,6 +67,7 @@ class ScaleEvidence:
     doubt: float = DOUBT  #: Probability that it is wrong, 0 if the user states it as certain.
     reason: str | None = None
     assumption: str | None = None  #: Assumption about its unit, stated if no object confirms it.
+    place: str | None = None  #: Country or region of its positions (`metric_base.rectangles`).
 
     def __post_init__(self) -> None:
         if (self.scale is None or self.sd_log is None) != (self.reason is not None):

@@ -151,8 +151,15 @@ def scale_of_objects(
     # Categories whose priors do not depend on region or year.
     plain = sorted(name for name, match in matches.items() if match.prior is not None and not match.prior.contexts)
     no_context = f"where: {options.where}: no sizes by region or year; plain priors are used for: {', '.join(plain)}"
+    has_contexts = any(match.prior is not None and match.prior.contexts for match in matches.values())
+    places = {item.place for item in options.evidence if item.place is not None and options.where is None}
     notes = [
         *([no_context] if options.where is not None and plain else []),
+        *(
+            f"where: the positions of the cameras are in {place}: --where {place} applies its sizes"
+            for place in sorted(places)
+            if has_contexts
+        ),
         *(
             f"{row.kind} {row.id}: {'contradicts the rest' if row.verdict == 'outlier' else 'skipped'}: {row.reason}"
             for row in reports

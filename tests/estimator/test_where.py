@@ -6,11 +6,15 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+import metric_tree
+from estimator import EstimateOptions, MeasuredObject, ScaleEvidence, scale_of_objects
 from estimator.reconstructions.objects_file import SCHEMA
 from metric_cli.estimate_scale.estimate import main
 from metric_cli.subcommands import main as metric_tree_main
+from metric_tree.context import where_of
 from tests.synthetic import minitree
 
 MODEL = {"region": 0.4, "year": 0.2, "own": 0.1, "kin": 0.5, "years": 12.0}
@@ -52,6 +56,17 @@ def test_the_scale_goes_where_the_objects_are_larger(tree: Path, tmp_path: Path,
     (line,) = (line for line in there["warnings"] if line.startswith("where"))
     assert "bar stool" in line
     assert "swivel chair" not in line
+
+
+@pytest.mark.parametrize(("place", "where", "is_named"), [("US", None, True), ("US", "DE", False), (None, None, False)])
+def test_positions_name_their_country_unless_a_place_is_given(
+    tree: Path, place: str | None, where: str | None, is_named: bool
+) -> None:
+    chair = MeasuredObject("1", "swivel chair", np.array([1.24, 1.2, 2.1]), np.full(3, 0.03))
+    gps = ScaleEvidence("gps", "exif", 0.5, 0.1, place=place)
+    options = EstimateOptions(evidence=(gps,), where=None if where is None else where_of(where))
+    notes = [note for note in scale_of_objects([chair], metric_tree.open(tree), options).warnings if "cameras" in note]
+    assert notes == ["where: the positions of the cameras are in US: --where US applies its sizes"] * is_named
 
 
 def test_a_query_says_what_the_context_changed(tree: Path, capsys: Any) -> None:

@@ -91,18 +91,22 @@ def position_table(file: Path, scene: Scene, rows: FloatArray, columns: str) -> 
     return file
 
 
-def write_exif(walk: Walk, factor: float = 1.0, seconds: int | None = None) -> None:
-    """Write a small image of each view with its position in EXIF, in the south-western hemisphere.
+def write_exif(
+    walk: Walk, factor: float = 1.0, seconds: int | None = None, place: tuple[float, float] = (-33.9, -70.6)
+) -> None:
+    """Write a small image of each view with its position in EXIF; by default, in the south-western hemisphere.
 
     seconds : time between the images in EXIF; by default, they have no time.
     """
-    rows = degrees_of(factor * walk.metres, -33.9, -70.6)
+    rows = degrees_of(factor * walk.metres, *place)
     for index, (view, (lat, lon, alt)) in enumerate(zip(walk.scene.views, rows, strict=True)):
         exif = Image.Exif()
         if seconds is not None:
             minutes, rest = divmod(index * seconds, 60)
             exif.get_ifd(0x8769)[0x9003] = f"2026:11:28 {minutes // 60:02}:{minutes % 60:02}:{rest:02}"
-        exif[0x8825] = {1: "S", 2: _sexagesimal(-lat), 3: "W", 4: _sexagesimal(-lon), 5: b"\x00", 6: float(alt)}
+        hemispheres = {1: "S" if lat < 0 else "N", 3: "W" if lon < 0 else "E"}
+        numbers = {2: _sexagesimal(abs(lat)), 4: _sexagesimal(abs(lon)), 6: float(alt)}
+        exif[0x8825] = hemispheres | numbers | {5: b"\x00"}
         file = walk.scene.path / "images" / view.name
         file.parent.mkdir(parents=True, exist_ok=True)
         Image.new("L", (8, 6)).save(file, exif=exif)

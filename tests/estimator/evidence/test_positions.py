@@ -43,6 +43,20 @@ def test_positions_in_degrees(walk: Walk, nothing: Measurements, tmp_path: Path)
     assert one(Gps(file).observe(walk.scene, nothing)).scale == pytest.approx(walk.scale, rel=0.006)
 
 
+@pytest.mark.parametrize(("latitude", "longitude", "place"), [(55.7, 13.2, "SE"), (55.7, 12.6, None)])
+def test_the_country_of_positions(
+    walk: Walk, nothing: Measurements, tmp_path: Path, latitude: float, longitude: float, place: str | None
+) -> None:
+    degrees = degrees_of(walk.metres, latitude, longitude)
+    table = position_table(tmp_path / "path.csv", walk.scene, degrees, "lat lon alt")
+    assert one(Gps(table).observe(walk.scene, nothing)).place == place
+    here = replace(walk, scene=replace(walk.scene, path=tmp_path))
+    write_exif(here, place=(latitude, longitude))
+    assert one(Gps("exif").observe(here.scene, nothing)).place == place
+    metres = position_table(tmp_path / "metres.csv", walk.scene, walk.metres, "x y z")
+    assert one(Gps(metres).observe(walk.scene, nothing)).place is None
+
+
 def test_the_unit_of_positions_is_stated_as_an_assumption(walk: Walk, nothing: Measurements, tmp_path: Path) -> None:
     """Web Mercator at 48 degrees north multiplies lengths by 1.494; coordinates up to 100 km are local."""
     for offset, words in (

@@ -13,6 +13,7 @@ from dataclasses import replace
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import cv2
@@ -378,3 +379,35 @@ def test_outputs_of_different_lengths_are_one_line(name: str, tmp_path: Path, mo
     found[name] = found[name][:, :3] if name == "boxes" else found[name][:1]
     with pytest.raises(InputError, match=r"outputs: expected boxes \(n, 4\)"):
         seen(np.zeros((48, 64, 3), dtype=np.uint8))
+
+
+@pytest.mark.parametrize(
+    ("scores", "message"),
+    [
+        ([0.5] * 1000 + [0.49] * 50, None),  # MAX_DETECTIONS of MIN_SCORE
+        ([0.5] * 1001, "at most 1,000 of score 0.5 or more in an image, found '?1,001"),
+        ([-0.9e-3, 1 + 0.9e-3], None),  # SCORE_TOLERANCE
+        ([-1.1e-3], "numbers from 0 to 1"),
+        ([1 + 1.1e-3], "numbers from 0 to 1"),
+        ([math.nan], "numbers from 0 to 1"),
+    ],
+)
+def test_scores_of_an_image(scores: list[float], message: str | None) -> None:
+    graph: Any = SimpleNamespace(path="a.onnx")
+    with nullcontext() if message is None else pytest.raises(InputError, match=message):
+        Detector._check_scores(graph, np.array(scores))
+
+
+@pytest.mark.parametrize(("value", "is_inside"), [(0.49, False), (0.51, True)])
+@pytest.mark.parametrize("size", [(4, 4), (8, 6)])
+def test_a_pixel_of_a_mask_has_a_value_of_a_half(size: tuple[int, int], value: float, is_inside: bool) -> None:
+    masks = np.full((1, 1, 4, 4), value)
+    assert (detector._full_size_mask(masks, 0, size) == is_inside).all()
+    assert (detector._pasted_mask(masks, np.array([[0.0, 0, *size]]), 0, size) == is_inside).all()
+
+
+@pytest.mark.parametrize(("right", "n_pixels"), [(4.0, 16), (79.0, 32), (81.0, 0), (-79.0, 0)])
+def test_a_box_is_within_ten_sides_of_the_image(right: float, n_pixels: int) -> None:
+    """MAX_BOX_DISTANCE for an image of 8 x 4 pixels: boxes beyond 80 pixels are nowhere."""
+    box = np.array([[0.0 if right > 0 else right - 0.5, 0.0, right, 4]])
+    assert int(detector._pasted_mask(np.ones((1, 1, 4, 4)), box, 0, (8, 4)).sum()) == n_pixels

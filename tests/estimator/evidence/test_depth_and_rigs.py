@@ -134,6 +134,7 @@ def test_a_single_picture_knows_nothing_of_the_spread_between_pictures() -> None
 def test_the_baseline_of_a_rig(walk: Walk, nothing: Measurements) -> None:
     row = one(RigBaseline("left", "right", RIG_M).observe(with_rig(walk, RIG_M).scene, nothing))
     assert row.scale == pytest.approx(walk.scale, rel=1e-6)
+    assert row.sd_log == pytest.approx(0.005)  # the distances of the pairs are equal
     assert one(RigBaseline("left", "right", RIG_M).observe(walk.scene, nothing)).scale is None
 
 

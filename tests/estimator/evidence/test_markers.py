@@ -128,7 +128,7 @@ def test_rays_meet_at_an_angle_of_a_hundredth(angle: float, is_found: bool) -> N
     assert found is None or found == pytest.approx(point[0])
 
 
-@pytest.mark.parametrize(("sd_log", "is_used"), [(0.95, True), (1.05, False)])
+@pytest.mark.parametrize(("sd_log", "is_used"), [(0.003, True), (0.95, True), (1.05, False)])
 def test_a_marker_determines_the_scale_within_a_factor(
     sd_log: float, is_used: bool, walk: Walk, monkeypatch: pytest.MonkeyPatch
 ) -> None:

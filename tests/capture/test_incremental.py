@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from capture.mapping import mapper
+from capture.mapping.camera_prior import Lens
 from capture.mapping.incremental import compare_global, mapping, n_consistent
 from capture.mapping.refusals import MAX_DISAGREEMENT, MIN_WHOLE_RATIO
 from estimator.reconstructions.pycolmap_library import pycolmap
@@ -63,3 +66,28 @@ def test_global_mapper_contradicts_a_model_with_a_frame_at_a_wrong_place(
     model.write_binary(str(folder))
     request = {"database": str(file), "images": str(tmp_path), "output": str(output), "folder": str(folder)}
     assert (compare_global(request)["disagreement"] < MAX_DISAGREEMENT) == agrees
+
+
+@pytest.mark.parametrize(
+    ("changes", "models", "helds"),
+    [
+        ({}, ["A", "A", "A", "SIMPLE_RADIAL", "F", "F"], [False, True, True, False, True, True]),
+        (
+            {"wide_px": 300.0},
+            ["F", "A", "A", "A", "SIMPLE_RADIAL", "F", "F"],
+            [True, False, True, True, False, True, True],
+        ),
+        ({"fixed": True}, ["A"], [False]),
+        ({"free": False}, ["A"], [False]),
+    ],
+)
+def test_the_cameras_that_are_tried_in_turn(changes: dict[str, Any], models: list[str], helds: list[bool]) -> None:
+    lens = replace(Lens("OPENCV", 500.0, False, 640, 480, free=True), **changes)
+    cameras = mapper._cameras(lens)
+    names = {"A": "OPENCV", "F": "OPENCV_FISHEYE"}
+    assert [camera["model"] for camera in cameras] == [names.get(name, name) for name in models]
+    assert [camera["held"] for camera in cameras] == helds
+    focals = [camera["params"] and camera["params"][0] for camera in cameras]
+    if len(cameras) > 1:
+        assert focals[-4:] == pytest.approx([0.85 * 640, 0.4 * 640, 0.48 * 640, 0.34 * 640])
+        assert [camera["if_stated"] for camera in cameras][-4:] == [False] * 4

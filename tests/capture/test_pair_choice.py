@@ -89,3 +89,22 @@ def test_a_feature_matches_the_nearest_if_the_second_is_farther_by_a_quarter(rat
 
     scores = coarse_scores([at(0.0, 2.0), at(0.1, -0.1 / ratio)])
     assert bool(scores[0, 1]) == is_match
+
+
+@pytest.mark.parametrize(("n_first", "n_second", "score"), [(2, 2, 2), (1, 2, 0), (2, 1, 0), (0, 2, 0), (0, 0, 0)])
+def test_frames_with_a_single_feature_match_nothing(n_first: int, n_second: int, score: int) -> None:
+    features = np.eye(128, dtype=np.float32)
+    assert coarse_scores([features[:n_first], features[:n_second]]).tolist() == [[0, score], [score, 0]]
+
+
+@pytest.mark.parametrize(("ratio", "score"), [(0.78, 2), (0.82, 1)])
+def test_a_match_is_nearer_than_the_next_by_a_fifth(ratio: float, score: int) -> None:
+    """MAX_RATIO of the angles to the nearest and the next feature of the other frame; one match is exact."""
+    angle = np.radians(20)
+    plane = np.array([[1.0, 0], [np.cos(angle), np.sin(angle)]])
+    between = ratio * angle / (1 + ratio)
+    turned = np.array([[np.cos(between), np.sin(between)]])
+    first, second = np.zeros((2, 128), dtype=np.float32), np.zeros((3, 128), dtype=np.float32)
+    first[0, :2], first[1, 5] = turned[0], 1
+    second[:2, :2], second[2, 5] = plane, 1
+    assert coarse_scores([first, second])[0, 1] == score

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
 from metric_tree.fit import mixture as mixture_em
-from metric_tree.fit.mixture import Mixture, NormalInverseWishart, Rows, complete_rows, fit_mixture
+from metric_tree.fit.mixture import Mixture, NormalInverseWishart, Rows, complete_rows, fit_mixture, single_starts
 
 SPREAD = np.array([[0.04, 0.01, 0.0], [0.01, 0.09, 0.02], [0.0, 0.02, 0.05]])
 MEAN = np.array([6.0, 5.5, 7.0])
@@ -147,3 +147,11 @@ def test_seeds_part_all_rows_by_the_nearest(seed: int) -> None:
     assert set(part.tolist()) == {0, 1}
     assert len(set(part[:10].tolist())) == 1  # k-means++ picks its second seed far from the first
     assert part[0] != part[10]
+
+
+@pytest.mark.parametrize(("mean_rows", "count"), [(0.9, 3), (1.0, 1)])
+def test_a_prior_with_the_weight_of_a_row_determines_the_axes(mean_rows: float, count: int) -> None:
+    """Two rows with two candidates each: else each rank of candidate is a start, too."""
+    x = np.array([[6.0, 5.0], [5.0, 6.0], [6.1, 5.1], [5.1, 6.1]])
+    rows = Rows(x, np.array([0, 0, 1, 1]), np.ones(2))
+    assert len(single_starts(rows, NormalInverseWishart(np.zeros(2), mean_rows, np.eye(2), 8.0))) == count

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from metric_tree.fit.evidence_model import EvidenceModel
+from metric_tree.fit.evidence_model import EvidenceModel, fit_evidence_model, shipped_model
+from metric_tree.fit.random_effects import source_means
 from metric_tree.fit.rows import row_weights
 
 
@@ -40,3 +41,22 @@ def test_a_scale_of_zero_counts_as_half_a_percent_when_models_are_mixed() -> Non
     none, some = EvidenceModel(share=0.0, spread=0.0), EvidenceModel(share=0.2, spread=0.05)
     halfway = none.towards(some, 0.5)
     assert (halfway.share, halfway.spread) == pytest.approx((np.sqrt(0.005 * 0.2), np.sqrt(0.005 * 0.05)))
+
+
+def two_sources(shift: float, rows: int = 8):
+    """The means of two sources of a class, with so many rows each."""
+    x = np.linspace(6.0, 6.2, 2 * rows)[:, None] + np.repeat([0.0, shift], rows)[:, None]
+    names = ["a"] * rows + ["b"] * rows, ["product"] * rows + ["asset"] * rows
+    return source_means(x, np.ones((2 * rows, 1)), np.ones(2 * rows), *names, np.array([[0.01]]))
+
+
+def test_eight_classes_with_two_sources_change_the_shipped_model() -> None:
+    classes = [("furniture.n.01", two_sources(0.1 * number)) for number in range(8)]
+    kinds = sorted({"product", "asset", "measured", "museum", "judged", "default", "statistic", "standard", "norm"})
+    assert fit_evidence_model(classes[:7], kinds) is shipped_model()
+    assert fit_evidence_model(classes, kinds).bias != shipped_model().bias
+
+
+def test_eight_rows_of_a_source_determine_its_spread() -> None:
+    assert np.isfinite(two_sources(0.0).spreads).all()
+    assert np.isnan(two_sources(0.0, rows=7).spreads).all()

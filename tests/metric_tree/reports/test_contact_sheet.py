@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,9 +17,11 @@ from metric_tree.cutouts.release_cutouts import cut_release
 from metric_tree.reports.contact_sheet import (
     MARGIN,
     MAX_SIDE_PX,
+    Tile,
     bar_length,
     image_rows,
     scaled_image,
+    sheet_image,
     spread_rows,
     tiles,
 )
@@ -129,3 +132,19 @@ def test_the_bar_is_round_and_fits(mm_per_px):
     digits = f"{length:.10e}"[0]
     assert digits in "125"
     assert float(f"{length:.0e}") == pytest.approx(length)
+
+
+def test_shelves_titles_and_small_objects_of_a_sheet(tmp_path):
+    """Eight narrow objects are in a row, nine are not; a title of 20 letters is whole; a speck has 3 pixels."""
+    Image.new("RGBA", (10, 100), "red").save(tmp_path / "a.png")
+    tile = Tile(tmp_path / "a.png", True, 500.0, None, "t", "1 mm", "by Ada")
+    row_of_objects = 340 + 46 + 30  # object, label, gap
+    empty = 2 * 40 + 50 + 40 + 20
+    assert [sheet_image([tile] * n, "").height - empty for n in (1, 8, 9)] == [
+        row_of_objects,
+        row_of_objects,
+        2 * row_of_objects,
+    ]
+    drawn = {name: sheet_image([replace(tile, title=name)], "") for name in ("x" * 20, "x" * 21, "x" * 19 + "…")}
+    assert drawn["x" * 21] == drawn["x" * 19 + "…"] != drawn["x" * 20]
+    assert max(scaled_image(replace(tile, longest_mm=1.0), 1.0).size) == 3

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from metric_tree.axes import AXES, axis_assignments
-from metric_tree.fit.class_prior import NEW_SOURCE, NewSource, class_prior
+from metric_tree.fit.class_prior import NEW_SOURCE, NewSource, best_mixture, class_prior
 from metric_tree.fit.evidence_model import EvidenceModel
 from metric_tree.fit.mixture import NormalInverseWishart, Rows, fit_mixture
 from metric_tree.fit.moments import VAGUE, correlated_covariance, moments
@@ -266,3 +266,17 @@ def test_likelihood_never_falls_with_a_component():
     rows = Rows(x, np.arange(len(x)), np.ones(len(x)))
     likelihoods = [fit_mixture(rows, k, VAGUE).log_likelihood for k in (1, 2, 3)]
     assert likelihoods[0] < likelihoods[1] <= likelihoods[2] + 1.0
+
+
+def test_five_groups_of_sizes_have_four_components() -> None:
+    chance = np.random.default_rng(0)
+    x = np.concatenate([centre + 0.02 * chance.standard_normal((20, 1)) for centre in range(5)])
+    belief = NormalInverseWishart(np.array([2.0]), 0.1, np.array([[1e-3]]), 8.0)
+    assert best_mixture(Rows(x, np.arange(100), np.ones(100)), belief, 0)[1] == 4
+
+
+@pytest.mark.parametrize(("stated", "sd"), [(0.0008, 0.001), (0.0012, 0.0012)])
+def test_the_tolerance_of_a_norm_is_at_least_a_thousandth(stated: float, sd: float) -> None:
+    x = np.log([[300.0, 200.0, 100.0]])
+    rows = class_rows(x, kinds=["norm"], range_sd=np.full((1, 3), stated))
+    assert class_prior(rows, VAGUE, EvidenceModel()).log_sd() == pytest.approx([sd] * 3)

@@ -45,6 +45,11 @@ def test_the_shares_of_region_and_year_are_recovered(region: float, year: float,
     assert model.year == pytest.approx(year, abs=0.15)
 
 
+def test_a_source_keeps_a_part_of_the_differences_that_its_region_explains() -> None:
+    model = fit_context_model(synthetic_classes(0.99, 0.0, 4))
+    assert 0.75 < model.region + model.year + model.own < 0.95
+
+
 def test_noise_is_what_few_rows_leave_over_what_sources_differ_by() -> None:
     """Rows of two sources, four and two of them; an axis without a difference between sources tells nothing."""
     x = np.array([[8.0, 7.0]] * 4 + [[8.4, 7.2]] * 2)

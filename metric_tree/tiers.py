@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from itertools import accumulate
 from typing import Any, NamedTuple  # defined in a quarter of the time of a dataclass, in each query
 
 from metric_base.errors import InputError
@@ -102,12 +103,9 @@ def mixture_tier(parts: Iterable[tuple[str, float]]) -> str:
     weights = dict.fromkeys(TIERS, 0.0)
     for tier, weight in parts:
         weights[tier] += weight
-    half, reached = sum(weights.values()) / 2, 0.0
-    for tier, weight in weights.items():
-        reached += weight
-        if reached >= half and reached > 0:
-            return tier
-    return TIERS[-1]
+    half = sum(weights.values()) / 2
+    reached = zip(weights, accumulate(weights.values()), strict=True)
+    return next(tier for tier, weight in reached if weight >= half)
 
 
 def tier_of_shares(shares: Mapping[str, float], n: int, n_sources: int, borrowed: float) -> str:

@@ -91,8 +91,6 @@ def edge_contrast(picture: RGB, mask: NDArray[np.bool_]) -> float:
     kernel = np.ones((3, 3), np.uint8)
     inner, outer = cv2.erode(one, kernel, iterations=EDGE_STEP_PX), cv2.dilate(one, kernel, iterations=EDGE_STEP_PX)
     edge = (one > 0) & (cv2.erode(one, kernel, borderValue=1) == 0)
-    if not edge.any():
-        return 0.0
     span = (4 * EDGE_STEP_PX + 1, 4 * EDGE_STEP_PX + 1)
     means = []
     for strip in (one * (inner == 0), (outer > 0) * (one == 0)):  # inside and outside of the edge

@@ -86,6 +86,8 @@ def test_a_search_ranks_meanings_then_beginnings(mini: Tree) -> None:
     assert [node.node_id for node in mini.search("chair", limit=2)] == ["chair.n.01", "swivel_chair.n.01"]
     assert mini.search("swivel chiar")[0].node_id == "swivel_chair.n.01"
     assert mini.search("   ") == ()
+    assert mini.search("chair".rjust(300)) == mini.search("chair")
+    assert mini.search("chair".rjust(301)) == ()
 
 
 def test_the_family(mini: Tree) -> None:

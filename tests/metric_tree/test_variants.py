@@ -8,7 +8,7 @@ import pytest
 import metric_tree
 from metric_tree.axes import AXES, EXTENTS
 from metric_tree.curated.sizes import norms
-from metric_tree.variants import BadVariant, Variant, quantity_in, stated_size_rules, variants
+from metric_tree.variants import BadVariant, StatedSize, Variant, quantity_in, stated_size_rules, variants
 from taxonomy.label_lists import vocabularies, vocabulary
 
 HEADER = (
@@ -193,3 +193,8 @@ def test_a_variant_has_a_standard_deviation_of_at_least_a_thousandth(tolerance: 
     texts = dict.fromkeys(("node_id", "name", "document", "clause", "source"), "a")
     one = Variant(**texts, written="2026-01-01", length_mm=1000.0, length_tolerance_mm=tolerance)
     assert one.stated.sizes == {"length": (1000.0, pytest.approx(sd))}
+
+
+def test_a_size_of_another_axis_changes_nothing(tree):
+    height = tree.find("chair").prior(("height",))
+    assert StatedSize("90 cm", {"length": (900.0, 0.01)}).of(height, False) is height

@@ -108,11 +108,11 @@ def _with_models(measurements: Measurements, case: Case) -> Measurements:
 def outcome(base: Base, result: ScaleResult | str, usual: set[str]) -> dict[str, Any]:
     """Classify the result of a case.
 
-    usual : warnings of the same scene without a mistake, with numbers replaced (`plain`).
+    usual : warnings and assumptions of the same scene without a mistake, with numbers replaced (`plain`).
     """
     if isinstance(result, str):
         return {"outcome": INTERNAL if result.startswith(INTERNAL) else "refused", "ratio": None, "words": result}
-    new = [line for line in result.warnings if plain(line) not in usual]
+    new = [line for line in stated(result) if plain(line) not in usual]
     if result.scale is None or result.interval is None:
         return {"outcome": "refused", "ratio": None, "words": plain(next(iter(new[::-1]), ""))}
     low, high = result.interval.low / base.tolerance, result.interval.high * base.tolerance
@@ -122,6 +122,11 @@ def outcome(base: Base, result: ScaleResult | str, usual: set[str]) -> dict[str,
     name = "right" if right else "wrong with a warning" if warned else "wrong and silent"
     ratio = round(result.scale / base.metres_per_unit, 3)
     return {"outcome": name, "ratio": ratio, "words": words, "status": result.status}
+
+
+def stated(result: ScaleResult) -> list[str]:
+    """Return the warnings, and the assumptions about other evidence, such as "taken as metres"."""
+    return [*result.warnings, *(item.reason for item in result.evidence if item.verdict == "used" and item.reason)]
 
 
 def plain(line: str) -> str:
@@ -140,7 +145,7 @@ def run(options: argparse.Namespace) -> dict[str, dict[str, dict[str, Any]]]:
         usual: set[str] = set()
         for name, make in RIGHT.items():
             result = result_of(make(base), tree)
-            usual |= set() if isinstance(result, str) else {plain(line) for line in result.warnings}
+            usual |= set() if isinstance(result, str) else set(map(plain, stated(result)))
             row[f"right: {name}"] = outcome(base, result, usual)
         for name, make in MISTAKES.items():
             if not re.search(options.only, name):

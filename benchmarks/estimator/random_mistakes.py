@@ -32,7 +32,7 @@ from benchmarks.estimator.mistake_cases import (
     coco_dataset,
     resized_masks,
 )
-from benchmarks.estimator.mistakes import OUTCOMES, outcome, plain, result_of, synthetic_base
+from benchmarks.estimator.mistakes import OUTCOMES, outcome, plain, result_of, stated, synthetic_base
 from estimator.evidence.camera_height import CameraHeight
 from estimator.evidence.gps import VideoGps
 from estimator.evidence.source import CameraPath
@@ -278,7 +278,7 @@ def run(options: argparse.Namespace) -> list[dict[str, Any]]:
         seed = options.seed + index
         base, draw = synthetic_base(kinds[index % len(kinds)], seed), np.random.default_rng(seed)
         right = [result_of(RIGHT[name](base), tree) for name in ("run lengths", "positions in metres")]
-        usual = {line for result in right if not isinstance(result, str) for line in map(plain, result.warnings)}
+        usual = {line for result in right if not isinstance(result, str) for line in map(plain, stated(result))}
         rows += [_row(base, "no mistake", "", outcome(base, result, usual)) for result in right]
         kinds_of_cases = [name for name, (count, _) in CLASSES.items() for _ in range(count)]
         for number in range(options.cases):

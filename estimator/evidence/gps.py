@@ -37,6 +37,9 @@ MAX_GAP_S = 1.0
 #: Maximum median speed in m/s of a recording; an airliner flies at 280 m/s with the wind, and a walk of 1.4 m/s becomes
 #: 1,400 m/s if millimetres are read as metres. Speeds that are too low belong to paths that are too short.
 MAX_SPEED_M_S = 350.0
+#: Minimum fraction of the frames in the time of the positions. A log of half the frames has ended early, or its times
+#: are not in seconds, so that the scale is wrong by their factor on a straight path.
+MIN_COVERED_FRACTION = 0.75
 #: Time in seconds between the positions from which a speed is computed: the errors of a receiver in it are small.
 SPEED_LAG_S = 1.0
 #: Maximum standard deviation of the log scale; objects determine it better.
@@ -135,10 +138,13 @@ class VideoGps:
             return skipped_evidence(VIDEO_KIND, self.name, reason)
         up = measurements.up if self.positions.geodetic else None
         accuracy = self.positions.accuracy_m or TYPICAL_ACCURACY_M
+        times, frames = self.positions.times_s, self.path.times_s
+        covered = float(np.mean((frames >= times[0]) & (frames <= times[-1])))
+        partial = f"times taken as seconds, although the positions cover only {covered:.0%} of the frames"
+        notes = [TAKEN_AS_METRES] * (not self.positions.geodetic) + [partial] * (covered < MIN_COVERED_FRACTION)
         evidence = position_evidence(VIDEO_KIND, self.name, centres, metres, accuracy, up)
-        if self.positions.geodetic:
-            return _with_place(evidence, self.positions.positions[rows])
-        return tuple(replace(row, assumption=TAKEN_AS_METRES) for row in evidence)
+        evidence = tuple(replace(row, assumption="; ".join(notes) or None) for row in evidence)
+        return _with_place(evidence, self.positions.positions[rows]) if self.positions.geodetic else evidence
 
 
 def speed_problem(times_s: FloatArray, metres: FloatArray) -> str | None:

@@ -104,6 +104,21 @@ def test_positions_of_a_video(walk: Walk, nothing: Measurements) -> None:
     assert "too short" in str(one(VideoGps(positions, short, "clip.mp4").observe(walk.scene, nothing)).reason)
 
 
+@pytest.mark.parametrize(("end_s", "assumption"), [(46.0, None), (44.0, "cover only 73% of the frames"), (90.0, None)])
+def test_positions_of_few_frames_are_stated(
+    walk: Walk, nothing: Measurements, end_s: float, assumption: str | None
+) -> None:
+    times = np.arange(0, 60, 0.1)
+    curve = np.column_stack([times, np.sin(times), np.cos(times)])
+    logged = np.arange(0, end_s, 0.1)
+    metres = np.column_stack([np.interp(logged, times, column) for column in curve.T])
+    source = VideoGps(Positions(logged, metres, geodetic=False), CameraPath(times, curve), "clip.csv")
+    row = one(source.observe(walk.scene, nothing))
+    assert row.scale == pytest.approx(1)
+    _, _, partial = str(row.assumption).partition("taken as metres")
+    assert partial == "" if assumption is None else assumption in partial
+
+
 @pytest.mark.parametrize(("speed", "is_skipped"), [(1.4, False), (345.0, False), (355.0, True), (1400.0, True)])
 def test_a_recording_is_not_faster_than_an_aeroplane(
     walk: Walk, nothing: Measurements, speed: float, is_skipped: bool

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import ctypes
 import fcntl
 import gc
 import json
@@ -7,6 +8,7 @@ import math
 import os
 import resource
 import signal
+import sys
 from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -48,8 +50,29 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    if sys.platform == "linux":
+        config.pluginmanager.register(MemoryRelease())
     if config.getoption("--record-durations") and not hasattr(config, "workerinput"):
         config.pluginmanager.register(DurationRecorder())
+
+
+class MemoryRelease:
+    """Returns freed memory to the system after tests that used much of it, which the allocator would keep."""
+
+    #: Growth in MiB since the last release at which memory is released.
+    MAX_GROWTH_MIB = 64.0
+
+    def __init__(self) -> None:
+        self.resident_mib = self._resident_mib()
+
+    def _resident_mib(self) -> float:
+        return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * resource.getpagesize() / 2**20
+
+    def pytest_runtest_logfinish(self) -> None:
+        if self._resident_mib() > self.resident_mib + self.MAX_GROWTH_MIB:
+            gc.collect()
+            ctypes.CDLL(None).malloc_trim(0)
+            self.resident_mib = self._resident_mib()
 
 
 class DurationRecorder:

@@ -282,3 +282,11 @@ def test_what_a_reader_may_open_is_not_replaced(tmp_path: Path, source: str, out
     with pytest.raises(InputError, match="is read in this run") if is_read else nullcontext():
         check_output(tmp_path / out, "--out")
     set_rules([], overwrite=False)
+
+
+def test_a_command_continues_its_own_file_and_replaces_no_other(tmp_path: Path) -> None:
+    out = tmp_path / "a.json"
+    out.write_text('{"schema": "metric-tree/a/1"}')
+    check_output(out, "--out", "metric-tree/a/")
+    with pytest.raises(InputError, match="already exists"):
+        check_output(out, "--out", "metric-tree/b/")

@@ -155,3 +155,13 @@ def test_a_prior_with_the_weight_of_a_row_determines_the_axes(mean_rows: float, 
     x = np.array([[6.0, 5.0], [5.0, 6.0], [6.1, 5.1], [5.1, 6.1]])
     rows = Rows(x, np.array([0, 0, 1, 1]), np.ones(2))
     assert len(single_starts(rows, NormalInverseWishart(np.zeros(2), mean_rows, np.eye(2), 8.0))) == count
+
+
+def test_a_mixture_starts_from_parts_along_the_main_axis(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Three groups are found in a step; a start from all rows but those of a group would need many."""
+    for name in ("STARTS", "SHORT_RUN", "ITERATIONS"):
+        monkeypatch.setattr(mixture_em, name, 1)
+    x = (np.repeat([0.0, 1.0, 10.0], 5) + 0.01 * np.tile(np.arange(-2, 3), 3))[:, None]
+    belief = NormalInverseWishart(np.ones(1), 0.01, np.full((1, 1), 0.001), 8.0)
+    means = fit_mixture(Rows(x, np.arange(15), np.ones(15)), 3, belief).mixture.means
+    assert sorted(means[:, 0].tolist()) == pytest.approx([0.0, 1.0, 10.0], abs=0.02)

@@ -25,6 +25,8 @@ DURATIONS = TESTS / "durations.json"
 #: Maximum recorded seconds of a part of several files: short enough to keep all processes busy until the end, and long
 #: enough that the 2 to 5 s of its imports matter little.
 MAX_PART_S = 100.0
+#: Minimum recorded seconds of a part that ends with its package.
+MIN_PART_S = 35.0
 #: Seconds after which a part fails; pytest itself ends a single test after `faulthandler_timeout`.
 PART_TIMEOUT_S = 2400.0
 #: Exit status of pytest if no test is selected, as in a part without fast tests.
@@ -38,15 +40,21 @@ def test_files(folder: Path) -> list[str]:
 
 
 def parts(files: Sequence[str], seconds: dict[str, float]) -> list[list[str]]:
-    """Divide files into runs of up to `MAX_PART_S`; neighbours import the same libraries. The longest is first."""
+    """Divide files into runs of up to `MAX_PART_S`, the longest first.
+
+    Neighbours import the same libraries. A run also ends with its package, unless it is too short to be worth the start
+    of a process (`MIN_PART_S`).
+    """
     found: list[list[str]] = []
-    length = math.inf
+    length, package = math.inf, ""
     for file in files:
+        other = "/".join(file.split("/")[:2])
         length += seconds.get(file, 0.0)
-        if length > MAX_PART_S:
+        if length > MAX_PART_S or (other != package and length - seconds.get(file, 0.0) >= MIN_PART_S):
             found.append([])
             length = seconds.get(file, 0.0)
         found[-1].append(file)
+        package = other
     return sorted(found, key=lambda part: -sum(seconds.get(file, 0.0) for file in part))
 
 

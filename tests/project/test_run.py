@@ -7,7 +7,7 @@ import json
 import pytest
 
 from tests import run
-from tests.run import DURATIONS, MAX_PART_S, NO_TESTS, ROOT, TESTS, counts, parts
+from tests.run import DURATIONS, MAX_PART_S, MIN_PART_S, NO_TESTS, ROOT, TESTS, counts, parts
 
 
 def test_every_file_is_in_one_part() -> None:
@@ -16,9 +16,23 @@ def test_every_file_is_in_one_part() -> None:
     assert sorted(file for part in found for file in part) == sorted(files)
 
 
-def test_a_part_is_within_the_limit_or_one_file() -> None:
-    seconds = {"a": 0.4 * MAX_PART_S, "b": 0.6 * MAX_PART_S, "c": 0.1, "d": 1.1 * MAX_PART_S, "e": 0.2}
-    assert parts("abcdef", seconds) == [["d"], ["a", "b"], ["e", "f"], ["c"]]
+@pytest.mark.parametrize(
+    ("seconds", "lengths"),
+    [
+        ([0.4 * MAX_PART_S, 0.6 * MAX_PART_S], [2]),
+        ([0.4 * MAX_PART_S, 0.6 * MAX_PART_S + 1, 1], [2, 1]),
+        ([1.1 * MAX_PART_S, 1, 1], [1, 2]),
+    ],
+)
+def test_a_part_is_within_the_limit_or_one_file(seconds: list[float], lengths: list[int]) -> None:
+    files = [f"tests/a/test_{number}.py" for number in range(len(seconds))]
+    assert [len(part) for part in parts(files, dict(zip(files, seconds, strict=True)))] == lengths
+
+
+@pytest.mark.parametrize(("first_s", "n_parts"), [(MIN_PART_S, 2), (MIN_PART_S - 1, 1)])
+def test_a_part_of_some_length_ends_with_its_package(first_s: float, n_parts: int) -> None:
+    files = ["tests/a/test_1.py", "tests/b/test_2.py"]
+    assert len(parts(files, {files[0]: first_s, files[1]: 1.0})) == n_parts
 
 
 @pytest.mark.parametrize(

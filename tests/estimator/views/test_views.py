@@ -14,6 +14,7 @@ import pytest
 import trimesh
 
 from estimator.records.scene import Camera, Scene, View
+from estimator.views import raster
 from estimator.views.glb import FACES, glb_bytes
 from estimator.views.raster import render_view
 from estimator.views.scene_view import COLOURS, SceneView, box_on_ray, scene_view
@@ -119,3 +120,18 @@ def test_the_report_of_a_box(node: str | None, tier: str | None, category: str) 
     box = replace(box, report={**box.report, "node": node, "tier": tier})
     lines = ["chair a", f"category: {category}", "h 1.00", "used, weight 0.9"]
     assert report_text(box) == "\n".join(lines)
+
+
+def test_labels_have_a_gap_of_nine_pixels(monkeypatch):
+    """LABEL_GAP_PX: the second label of one place moves down in steps of eight pixels until the gap is as large."""
+    drawn = []
+    monkeypatch.setattr("PIL.ImageDraw.ImageDraw.rectangle", lambda _, place, *__: drawn.append(place))
+    view = hand_view()
+    corners = np.full((8, 2), 300.0)
+    canvas = np.zeros((900, 600, 3), dtype=np.uint8)
+    for n_lines in range(1, 9):
+        drawn.clear()
+        box = replace(view.boxes[0], title="a", sizes="b\n" * n_lines)
+        raster._with_labels(canvas, view, [(box, corners)] * 2, np.zeros(2))
+        (_, first, _, bottom), (_, second, _, _) = drawn
+        assert second - first == 8 * np.ceil((bottom - first - 8 + 9) / 8)

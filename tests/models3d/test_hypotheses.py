@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from models3d.asset import AssetBody
-from models3d.size_check.hypotheses import hypotheses
+from models3d.size_check.hypotheses import hypotheses, ordered_sizes
 from models3d.size_check.size_model import SizeModel, size_model
 from tests.synthetic.priors import prior
 
@@ -66,3 +66,9 @@ def test_errors_of_models_by_artists(tier: str | None, is_broader: bool, fractio
     assert model.weights == pytest.approx([1 - fraction, fraction])
     assert model.covariances[0] == pytest.approx(usual)
     assert model.covariances[1] == pytest.approx(usual + 0.6**2 + 0.5**2 * np.eye(3))
+
+
+def test_a_side_without_an_extent_counts_as_a_micrometre() -> None:
+    sizes = ordered_sizes(np.array([0.9e-6, 0.5, 1.1e-6]), "y", is_sorted=False)
+    assert sizes == pytest.approx(np.log([1.1e-3, 1e-3, 500]))
+    assert ordered_sizes(np.array([0.0, 0.5, 0.2]), "z", is_sorted=True) == pytest.approx(np.log([500, 200, 1e-3]))

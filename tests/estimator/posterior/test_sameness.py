@@ -192,7 +192,8 @@ def test_only_what_was_not_measured_in_place_is_displaced() -> None:
     assert by_share == pytest.approx([BIAS_PROBABILITY, BIAS_PROBABILITY / 2, 0])
     assert bias_probability(replace(CATALOGUED, tier="norm")) == 0
     assert bias_probability(PERSON) == 0
-    assert bias_probability(replace(CATALOGUED, dims=("length", "height"))) == 0  # no proportions
+    two = prior("car.n.01", [(4600, 1500)], spread=0.06, shared=0.04, dims=("length", "height"), in_place=0.0)
+    assert bias_probability(two) == 0  # no proportions
 
 
 def test_large_classes_are_thinned_alike_in_any_order() -> None:

@@ -440,7 +440,7 @@ def test_focal_lengths_of_meshroom(intrinsic: dict[str, Any], focal: tuple[int, 
 
 @pytest.mark.parametrize(("k4", "is_read"), [(0.01, True), (0.05, True), (0.3, False), (-0.02, False)])
 def test_a_distortion_of_degree_eight_is_approximated_or_refused(k4: float, is_read: bool) -> None:
-    """The error of 0.3 is 20 times MAX_FIT_ERROR, those of the first two are small; -0.02 turns back within the image."""
+    """The error of 0.3 is 20 times MAX_FIT_ERROR; the polynomial of -0.02 turns back within the image."""
     distortion = {"k1": -0.2, "k4": k4}
     with nullcontext() if is_read else pytest.raises(FieldError, match=r"k4: expected|a polynomial that reaches"):
         assert brown_camera((640, 480), (500.0, 500.0), (320.0, 240.0), distortion).model == "FULL_OPENCV"

@@ -208,7 +208,10 @@ def test_the_title_of_a_narrow_table_is_one_line(capsys: pytest.CaptureFixture[s
         ),
         (["select", "--out", "."], "--out: expected a file; found the folder ."),
         (["review", "list", "nofile"], "nofile: expected raw items (*.jsonl, *.jsonl.gz); found none"),
-        (["export", "--out", "x", "--categories", "no.csv"], "no.csv: expected an existing file or folder; found none"),
+        (
+            ["export", "--out", "x", "--categories", "no.csv"],
+            "no.csv: expected a table; found No such file or directory",
+        ),
         (["export", "--out", "x", "--coco", "nofile.json", "."], "--coco: expected a JSON file; found no file"),
         (["export", "--out", "x", "--coco", "there", "nodir"], "--coco: expected a folder of pictures; found no"),
     ],
@@ -230,7 +233,7 @@ def test_sizes_are_printed_as_people_state_them(capsys: pytest.CaptureFixture[st
     """A door is wide and a can has a diameter; a table has one unit and one number of decimals."""
     assert main(["query", "office chair", "--units", "in"]) == 0
     chair = capsys.readouterr().out
-    assert "24.8 x 23.5 x 38.4 in (width x depth x height)" in chair
+    assert "24.8 x 23.5 x 38.5 in (width x depth x height)" in chair
     cells = re.findall(r"^ (?:width|depth|height).*?((?:\s+[\d.]+)+)$", chair, re.MULTILINE)
     assert len(cells) == 3
     assert {len(number.partition(".")[2]) for row in cells for number in row.split()} == {1}

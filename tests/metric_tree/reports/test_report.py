@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from explorer.pages.report_page import page, report_html, size_figures
-from explorer.pages.templating import Link, environment
+from explorer.pages.templating import environment, link_html
 from metric_cli.subcommands import main
 from metric_tree.reports.summary import (
     coverage,
@@ -106,10 +106,12 @@ def table(head, rows):
 
 
 def test_numbers_stand_to_the_right_and_text_is_escaped():
-    text = table(("what", "how many", "share"), [("<b>", 1200, "70 (59%)"), (Link("a", "https://x.org/?a&b"), 3, "–")])
+    text = table(
+        ("what", "how many", "share"), [("<b>", 1200, "70 (59%)"), (link_html("a", "https://x.org/?a&b"), 3, "–")]
+    )
     assert "<td>&lt;b&gt;</td><td class=n>1,200</td><td>70 (59%)</td>" in text
     assert '<td><a href="https://x.org/?a&amp;b">a</a></td>' in text
-    assert "<a" not in table(("x",), [(Link("a", "javascript:alert()"),)])
+    assert "<a" not in table(("x",), [(link_html("a", "javascript:alert()"),)])
 
 
 def test_a_tree_that_is_none_has_no_page(tmp_path, capsys):

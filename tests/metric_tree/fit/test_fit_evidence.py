@@ -60,3 +60,11 @@ def test_eight_classes_with_two_sources_change_the_shipped_model() -> None:
 def test_eight_rows_of_a_source_determine_its_spread() -> None:
     assert np.isfinite(two_sources(0.0).spreads).all()
     assert np.isnan(two_sources(0.0, rows=7).spreads).all()
+
+
+@pytest.mark.parametrize(("sd", "published"), [(0.0, 0.01), (0.0115, 0.0115)])
+def test_a_source_has_a_spread_of_at_least_a_hundredth(sd: float, published: float) -> None:
+    x = np.full((8, 1), 6.0) + sd * np.sqrt(7 / 8) * np.tile([[-1.0], [1.0]], (4, 1))
+    found = source_means(x, np.ones((8, 1)), np.ones(8), ["a"] * 8, ["product"] * 8, np.full((1, 1), sd**2))
+    assert found.spreads == pytest.approx([published])
+    assert np.sqrt(found.within) == pytest.approx(np.full((1, 1), published), rel=0.05)

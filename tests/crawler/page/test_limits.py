@@ -79,6 +79,12 @@ SIZE_LIMITS: dict[str, tuple[int, Callable[[int], str]]] = {
             f"<h2>Dimensions</h2>{nested(n, '<table><tr><td>Lamp</td><td>30 x 40 cm</td></tr></table>')}<h3>Other</h3>"
         ),
     ),
+    "characters of a box with a heading": (
+        70,
+        lambda n: (
+            f"<div><h2>Dimensions</h2> {words(n - 12)}b</div><table><tr><td>Lamp</td><td>30 x 40 cm</td></tr></table>"
+        ),
+    ),
     "texts of a cell": (
         80,
         lambda n: f"<table><tr><td>Size</td><td>{'<i>a</i>' * (n - 1)}<i>3 x 4 cm</i></td></tr></table>",

@@ -348,3 +348,12 @@ def test_lights_above_the_horizon_have_a_cosine_of_1_percent(elevation: float, n
     direction = np.array([[np.sqrt(1 - elevation**2), 0.0, elevation]])
     lights = LightSamples(direction, np.ones((1, 3)), np.zeros(1), np.zeros(1))
     assert len(lights.above_horizon(np.array([0.0, 0.0, 1.0])).power) == n
+
+
+@pytest.mark.parametrize(("ratio", "is_white"), [(0.42, True), (0.38, False)])
+def test_white_surfaces_have_40_percent_of_the_luminance_of_the_brightest_ones(ratio: float, is_white: bool) -> None:
+    furniture, tint = np.array([0.4, 0.2, 0.05]), np.array([1.1, 1.0, 1.0])
+    pixels = np.tile(furniture, (1000, 1))
+    pixels[:50] = ratio * float(luminance(furniture)) * tint / float(luminance(tint))
+    white = estimate.white_colour(pixels.astype(np.float32))
+    assert white[0] / white[1] == pytest.approx(1.1 if is_white else 1.0)

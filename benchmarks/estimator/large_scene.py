@@ -1,15 +1,19 @@
 """Measure processor time and memory of `estimate-scale` on large scenes.
 
-    python -m benchmarks.estimator.large_scene [--times 1 2 4]
+    python -m benchmarks.estimator.large_scene [--times 1 2 4] [--masks 750 12000]
 
 A synthetic room has `VIEWS` views and about `POINTS` dense points. For each number N of `--times`, the views, masks
 and points are repeated N times with offsets of about a millimetre, and the command runs on the files in a separate
 process. The time is linear in the size if it grows by the factor N.
+
+With `--masks`, `demo_room` has the given numbers of rectangular masks instead, at random places, of random categories
+of its file and with sides of 8 to 60 pixels: most are objects of their own, with few points.
 """
 
 from __future__ import annotations
 
 import json
+import shutil
 import tempfile
 from dataclasses import replace
 from pathlib import Path
@@ -17,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.child import ours, run_child
-from benchmarks.common import options_parser, print_rows
+from benchmarks.common import ROOT, options_parser, print_rows
 from estimator.records.scene import DenseCloud, View
 from tests.synthetic.rooms.furnish import furnished_room
 from tests.synthetic.rooms.knobs import Knobs
@@ -90,7 +94,11 @@ def main() -> None:
     """Print the table, each row as soon as it is computed."""
     parser = options_parser(__doc__)
     parser.add_argument("--times", type=int, nargs="+", default=[1, 2, 4])
+    parser.add_argument("--masks", type=int, nargs="+")
     options = parser.parse_args()
+    if options.masks:
+        print_rows(("masks", "objects", "processor s", "peak MiB", "exit"), map(_random_masks, options.masks))
+        return
     world = furnished_room("sitting room", 7, Knobs(views=VIEWS))
     synthetic = quick_scene(world, Knobs(views=VIEWS), 7, dense_a_frame=POINTS // VIEWS)
     assert synthetic.scene.dense is not None
@@ -100,6 +108,28 @@ def main() -> None:
     )
     columns = ("views", "dense points", "masks", "processor s", "peak MiB", "exit", "scale over true")
     print_rows(columns, (_row(repeated(synthetic, times), world) for times in options.times))
+
+
+def _random_masks(count: int) -> tuple[object, ...]:
+    """Return the row of `demo_room` with `count` random masks."""
+    generator = np.random.default_rng(0)
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch) / "scene"
+        shutil.copytree(ROOT / "data" / "scenes" / "demo_room", folder)
+        table = json.loads((folder / "instances.json").read_bytes())
+        annotations = []
+        for number in range(count):
+            image = table["images"][generator.integers(len(table["images"]))]
+            width, height = generator.integers(8, 61, 2).tolist()
+            left, top = (int(generator.integers(image[n] - side)) for n, side in (("width", width), ("height", height)))
+            category = table["categories"][generator.integers(len(table["categories"]))]
+            corners = [left, top, left + width, top, left + width, top + height, left, top + height]
+            row = {"id": number + 1, "image_id": image["id"], "category_id": category["id"], "iscrowd": 0}
+            annotations.append(row | {"segmentation": [corners], "bbox": [left, top, width, height]})
+        (folder / "instances.json").write_text(json.dumps(table | {"annotations": annotations}), encoding="utf-8")
+        run = run_child(ours("estimate-scale", folder, "--quiet", "--json"), limit_s=900)
+    objects = len(json.loads(run.output)["objects"]) if run.output else None
+    return f"{count:,}", objects, f"{run.cpu_s:.0f}", f"{run.peak_mib:.0f}", run.status
 
 
 def _row(large: SyntheticScene, world: World) -> tuple[object, ...]:

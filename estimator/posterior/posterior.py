@@ -171,6 +171,12 @@ class Posterior(Estimate):
         curve = grid.curve(self.coarse, self.class_log_likelihood[keep].sum(axis=0), self.gaussians)
         return curve, grid.modes(curve), grid.interval(curve, self.level)
 
+    def with_length(self, scale: float, sd_log: float) -> tuple[float, float]:
+        """Return the interval with one more certain scale in metres per unit, with this standard deviation."""
+        gaussians = np.vstack([self.gaussians, [math.log(scale), sd_log, 0.0]])
+        total = self.class_log_likelihood.sum(axis=0)
+        return grid.interval(grid.curve(self.coarse, total, gaussians), self.level)
+
 
 def posterior(evidence: Sequence[ObjectEvidence], gaussians: FloatArray | None = None, level: float = 0.9) -> Posterior:
     """Compute the posterior of n objects and of other evidence.

@@ -2,7 +2,8 @@
 
 The result of a measurement is unknown, so each is simulated at a few equally probable scales of the current posterior:
 the object gets the size of its class at that scale, or the known length states that scale, and the posterior is
-computed again. The stated narrowing is the mean relative decrease of the log width of the interval.
+computed again; a known length leaves the likelihoods of the classes as they are. The stated narrowing is the mean
+relative decrease of the log width of the interval.
 """
 
 from __future__ import annotations
@@ -11,15 +12,15 @@ import math
 import shlex
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from itertools import combinations
 
 import numpy as np
 
-from estimator.evidence.known_lengths import middle_distance
+from estimator.evidence.known_lengths import MIDDLE_ERROR
 from estimator.posterior import log_scale_grid
 from estimator.posterior.axis_assignments import is_sorted, prior_axes
 from estimator.posterior.object_likelihood import ObjectEvidence
 from estimator.posterior.posterior import Posterior, posterior
+from estimator.posterior.shared_error import shared_error
 from estimator.records.objects import MeasuredObject
 from estimator.records.result import Help
 from estimator.results.object_priors import CategoryMatch, EvidenceSet, resolve_categories, visible_truncations
@@ -43,12 +44,15 @@ MAX_SUGGESTIONS = 3
 #: Maximum number of classes with skipped objects that are evaluated, those with most objects first: each requires
 #: several posteriors.
 MAX_SKIPPED_CLASSES = 6
+#: Maximum number of truncated objects that are evaluated, those first whose class determines the scale best.
+MAX_TRUNCATED_OBJECTS = 6
 #: Log width of the interval without evidence: sizes within a factor of 50 (`posterior.log_scale_grid`).
 UNKNOWN_LOG_WIDTH = log_scale_grid.WRONG_EVIDENCE_WIDTH_LOG
 
-#: A possible measurement: text, object, option, and the posterior after it if the scale is the argument, in metres per
-#: unit.
-_Measurement = tuple[str, str | None, str | None, Callable[[float], Posterior]]
+#: Interval of the scale after a measurement if the scale is the argument, in metres per unit.
+_IntervalAt = Callable[[float], tuple[float, float]]
+#: A possible measurement: text, object, option and interval.
+_Measurement = tuple[str, str | None, str | None, _IntervalAt]
 
 
 def suggest_measurements(
@@ -73,38 +77,38 @@ def suggest_measurements(
         quantiles = np.interp(SUPPOSED_QUANTILES, mass / mass[-1], estimate.curve.log_scale)
         scales = [math.exp(u) for u in quantiles.tolist()]
 
-    def posterior_of(objects: Sequence[ObjectEvidence]) -> Posterior:
-        return posterior(objects, evidence.gaussians, level)
+    def interval_of(objects: Sequence[ObjectEvidence]) -> tuple[float, float]:
+        return posterior(objects, evidence.gaussians, level).interval
 
     measurements = [
-        *_complete_sides(evidence, posterior_of),
+        *_complete_sides(evidence, interval_of),
         *_known_lengths(evidence, estimate, level),
-        *_more_masks(evidence, tree, posterior_of),
+        *_more_masks(evidence, tree, interval_of),
     ]
     rated = []
-    for text, name, option, posterior_at in measurements:
-        intervals = [posterior_at(scale).interval for scale in scales]
+    for text, name, option, interval_at in measurements:
+        intervals = [interval_at(scale) for scale in scales]
         new_width = sum(math.log(high / low) for low, high in intervals) / len(scales)
         rated.append(Help(text, name, round(1 - new_width / width, 2), option))
     useful = sorted((item for item in rated if item.narrows_by >= MIN_NARROWING), key=lambda item: -item.narrows_by)
     return tuple(useful[:MAX_SUGGESTIONS])
 
 
-def _complete_sides(evidence: EvidenceSet, posterior_of: Callable[..., Posterior]) -> Iterator[_Measurement]:
+def _complete_sides(
+    evidence: EvidenceSet, interval_of: Callable[[Sequence[ObjectEvidence]], tuple[float, float]]
+) -> Iterator[_Measurement]:
     """Yield the measurement of each truncated object without truncation."""
-    for index, item in enumerate(evidence.objects):
-        cut = visible_truncations(item.object)
-        if not cut.any():
-            continue
+    truncated = [index for index, item in enumerate(evidence.objects) if visible_truncations(item.object).any()]
+    truncated.sort(key=lambda index: shared_error(evidence.objects[index].prior).along_sd)
+    for index in sorted(truncated[:MAX_TRUNCATED_OBJECTS]):
+        item = evidence.objects[index]
 
-        def posterior_at(
-            scale: float, index: int = index, item: ObjectEvidence = item, cut: BoolArray = cut
-        ) -> Posterior:
+        def interval_at(scale: float, index: int = index, item: ObjectEvidence = item) -> tuple[float, float]:
             others = evidence.objects[:index] + evidence.objects[index + 1 :]
-            return posterior_of([*others, _with_class_size(item, cut, scale)])
+            return interval_of([*others, _with_class_size(item, visible_truncations(item.object), scale)])
 
         name = f"{item.object.category} {item.object.id}"
-        yield f"two more images of the {name} from the side that is cut", name, None, posterior_at
+        yield f"two more images of the {name} from the side that is cut", name, None, interval_at
 
 
 def _known_lengths(evidence: EvidenceSet, estimate: Posterior | None, level: float) -> Iterator[_Measurement]:
@@ -123,27 +127,46 @@ def _known_lengths(evidence: EvidenceSet, estimate: Posterior | None, level: flo
         candidates.append((float(best.sigma[2]), f"the true height of the {name} as a known length", name, option))
     outliers = {evidence.indices[number] for number in doubtful}
     located = [item for index, item in enumerate(evidence.measured) if item.box is not None and index not in outliers]
-    if pairs := [(middle_distance(item, other)[1], item, other) for item, other in combinations(located, 2)]:
-        error, item, other = min(pairs, key=lambda pair: pair[0])
+    if (pair := _closest_known_pair([item for item in located if not item.truncated.any()])) is not None:
+        error, item, other = pair
         name, other_name = (f"{one.category} {one.id}" for one in (item, other))
         option = f"--known-length {shlex.quote(name)} {shlex.quote(other_name)} METRES"
-        if math.isfinite(error):
-            text = f"the distance between the middles of the {name} and the {other_name}"
-            candidates.append((error, text, name, option))
+        text = f"the distance between the middles of the {name} and the {other_name}"
+        candidates.append((error, text, name, option))
     for error, text, name, option in candidates:
 
-        def posterior_at(scale: float, sd: float = math.hypot(error, TAPE_SD_LOG)) -> Posterior:
-            return posterior(evidence.objects, np.vstack([evidence.gaussians, [math.log(scale), sd, 0.0]]), level)
+        def interval_at(scale: float, sd: float = math.hypot(error, TAPE_SD_LOG)) -> tuple[float, float]:
+            if estimate is None:
+                return posterior((), np.array([[math.log(scale), sd, 0.0]]), level).interval
+            return estimate.with_length(scale, sd)
 
-        yield text, name, option, posterior_at
+        yield text, name, option, interval_at
 
 
-def _more_masks(evidence: EvidenceSet, tree: Tree, posterior_of: Callable[..., Posterior]) -> Iterator[_Measurement]:
+def _closest_known_pair(objects: Sequence[MeasuredObject]) -> tuple[float, MeasuredObject, MeasuredObject] | None:
+    """Return the pair of complete objects whose distance has the smallest relative error (`middle_distance`)."""
+    centres = np.array([item.box.centre for item in objects if item.box is not None]).reshape(-1, 3)
+    errors = [item.extents / 2 * np.hypot(item.sigma, MIDDLE_ERROR) for item in objects]
+    variance = np.square(errors).reshape(-1, 3).sum(axis=1) / 3
+    best = (math.inf, 0, 0)
+    for index in range(len(objects) - 1):
+        distance = np.linalg.norm(centres[index + 1 :] - centres[index], axis=1)
+        with np.errstate(divide="ignore"):
+            relative = np.sqrt(variance[index] + variance[index + 1 :]) / distance
+        other = int(np.nan_to_num(relative, nan=np.inf).argmin())
+        best = min(best, (float(relative[other]), index, index + 1 + other))
+    return (best[0], objects[best[1]], objects[best[2]]) if math.isfinite(best[0]) else None
+
+
+def _more_masks(
+    evidence: EvidenceSet, tree: Tree, interval_of: Callable[[Sequence[ObjectEvidence]], tuple[float, float]]
+) -> Iterator[_Measurement]:
     """Yield the measurement of one more object, of typical size, of each class with skipped or without any objects."""
     candidates: list[tuple[str, str | None, CategoryMatch]] = []
     skipped: dict[str, list[MeasuredObject]] = {}
+    used = set(evidence.indices)
     for index, item in enumerate(evidence.measured):
-        if index not in evidence.indices and evidence.matches[item.category].prior is not None:
+        if index not in used and evidence.matches[item.category].prior is not None:
             skipped.setdefault(item.category, []).append(item)
     for category, members in sorted(skipped.items(), key=lambda pair: -len(pair[1]))[:MAX_SKIPPED_CLASSES]:
         count = "" if len(members) == 1 else f"one of the {len(members)} objects "
@@ -160,10 +183,10 @@ def _more_masks(evidence: EvidenceSet, tree: Tree, posterior_of: Callable[..., P
         measured = MeasuredObject("supposed", match.node.node_id, np.full(3, np.nan), np.full(3, MEASURED_SD_LOG))
         supposed = ObjectEvidence(measured, match.prior, match.node.pose)
 
-        def posterior_at(scale: float, supposed: ObjectEvidence = supposed) -> Posterior:
-            return posterior_of([*evidence.objects, _with_class_size(supposed, np.ones(3, dtype=bool), scale)])
+        def interval_at(scale: float, supposed: ObjectEvidence = supposed) -> tuple[float, float]:
+            return interval_of([*evidence.objects, _with_class_size(supposed, np.ones(3, dtype=bool), scale)])
 
-        yield text, object_name, "--draw" if has_images else None, posterior_at
+        yield text, object_name, "--draw" if has_images else None, interval_at
 
 
 def _with_class_size(item: ObjectEvidence, sides: BoolArray, scale: float) -> ObjectEvidence:

@@ -95,8 +95,11 @@ class MeasuredArrays:
     mislabelled: FloatArray
 
 
-def measurement_arrays(evidence: Sequence[ObjectEvidence]) -> MeasuredArrays:
-    """Return the measurements of n objects with at least one usable extent each."""
+def measurement_arrays(evidence: Sequence[ObjectEvidence], has_others: bool | None = None) -> MeasuredArrays:
+    """Return the measurements of n objects with at least one usable extent each.
+
+    `has_others` states whether the scene has other classes; by default, whether these objects have several.
+    """
     extents = np.array([item.object.extents for item in evidence])  # (n, 3)
     sigma = np.array([item.object.sigma for item in evidence])  # (n, 3)
     truncated = np.array([item.object.truncated for item in evidence], dtype=bool)  # (n, 3)
@@ -118,7 +121,8 @@ def measurement_arrays(evidence: Sequence[ObjectEvidence]) -> MeasuredArrays:
     flags = np.column_stack([missing, truncated, is_close, is_free])
     codes = np.packbits(flags, axis=1, bitorder="little")[:, 0].tolist()
     score = np.clip([item.object.score for item in evidence], MIN_SCORE, 1.0)  # (n,)
-    has_others = len({item.prior.node_id for item in evidence}) > 1
+    if has_others is None:
+        has_others = len({item.prior.node_id for item in evidence}) > 1
     mislabelled = has_others * np.array([mislabel_probability(item.prior) for item in evidence])
     return MeasuredArrays(
         evidence=evidence,

@@ -177,6 +177,18 @@ class Posterior(Estimate):
         total = self.class_log_likelihood.sum(axis=0)
         return grid.interval(grid.curve(self.coarse, total, gaussians), self.level)
 
+    def with_class(self, evidence: Sequence[ObjectEvidence]) -> tuple[float, float]:
+        """Return the interval with other objects of one class, instead of those of its node, on the same grid."""
+        name = evidence[0].prior.node_id
+        keep = np.array([other != name for other in self.classes], dtype=bool)
+        objects = measurement_arrays(evidence, has_others=bool(keep.any()))
+        log_likelihood, _ = _class_terms(objects, rows(objects), [name], self.coarse)
+        total = self.class_log_likelihood[keep].sum(axis=0) + log_likelihood[0]
+        curve = grid.curve(self.coarse, total, self.gaussians)
+        if not (self.evidence_weight > MIN_EVIDENCE_PROBABILITY).any() and mostly_outliers(self.weight):
+            curve = grid.tempered_posterior(curve, TEMPERING_EXPONENT)
+        return grid.interval(curve, self.level)
+
 
 def posterior(evidence: Sequence[ObjectEvidence], gaussians: FloatArray | None = None, level: float = 0.9) -> Posterior:
     """Compute the posterior of n objects and of other evidence.

@@ -2,7 +2,7 @@
 
 The result of a measurement is unknown, so each is simulated at a few equally probable scales of the current posterior:
 the object gets the size of its class at that scale, or the known length states that scale, and the posterior is
-computed again; a known length leaves the likelihoods of the classes as they are. The stated narrowing is the mean
+computed again: only the likelihood of that class, or the other evidence, changes. The stated narrowing is the mean
 relative decrease of the log width of the interval.
 """
 
@@ -77,13 +77,21 @@ def suggest_measurements(
         quantiles = np.interp(SUPPOSED_QUANTILES, mass / mass[-1], estimate.curve.log_scale)
         scales = [math.exp(u) for u in quantiles.tolist()]
 
-    def interval_of(objects: Sequence[ObjectEvidence]) -> tuple[float, float]:
-        return posterior(objects, evidence.gaussians, level).interval
+    def interval_with(item: ObjectEvidence, index: int | None = None) -> tuple[float, float]:
+        """Return the interval with one more object, or with this one instead of object `index`."""
+        if estimate is None:
+            return posterior([item], evidence.gaussians, level).interval
+        others = [
+            other
+            for number, other in enumerate(evidence.objects)
+            if number != index and other.prior.node_id == item.prior.node_id
+        ]
+        return estimate.with_class([*others, item])
 
     measurements = [
-        *_complete_sides(evidence, interval_of),
+        *_complete_sides(evidence, interval_with),
         *_known_lengths(evidence, estimate, level),
-        *_more_masks(evidence, tree, interval_of),
+        *_more_masks(evidence, tree, interval_with),
     ]
     rated = []
     for text, name, option, interval_at in measurements:
@@ -94,9 +102,7 @@ def suggest_measurements(
     return tuple(useful[:MAX_SUGGESTIONS])
 
 
-def _complete_sides(
-    evidence: EvidenceSet, interval_of: Callable[[Sequence[ObjectEvidence]], tuple[float, float]]
-) -> Iterator[_Measurement]:
+def _complete_sides(evidence: EvidenceSet, interval_with: Callable[..., tuple[float, float]]) -> Iterator[_Measurement]:
     """Yield the measurement of each truncated object without truncation."""
     truncated = [index for index, item in enumerate(evidence.objects) if visible_truncations(item.object).any()]
     truncated.sort(key=lambda index: shared_error(evidence.objects[index].prior).along_sd)
@@ -104,8 +110,7 @@ def _complete_sides(
         item = evidence.objects[index]
 
         def interval_at(scale: float, index: int = index, item: ObjectEvidence = item) -> tuple[float, float]:
-            others = evidence.objects[:index] + evidence.objects[index + 1 :]
-            return interval_of([*others, _with_class_size(item, visible_truncations(item.object), scale)])
+            return interval_with(_with_class_size(item, visible_truncations(item.object), scale), index)
 
         name = f"{item.object.category} {item.object.id}"
         yield f"two more images of the {name} from the side that is cut", name, None, interval_at
@@ -159,7 +164,7 @@ def _closest_known_pair(objects: Sequence[MeasuredObject]) -> tuple[float, Measu
 
 
 def _more_masks(
-    evidence: EvidenceSet, tree: Tree, interval_of: Callable[[Sequence[ObjectEvidence]], tuple[float, float]]
+    evidence: EvidenceSet, tree: Tree, interval_with: Callable[..., tuple[float, float]]
 ) -> Iterator[_Measurement]:
     """Yield the measurement of one more object, of typical size, of each class with skipped or without any objects."""
     candidates: list[tuple[str, str | None, CategoryMatch]] = []
@@ -184,7 +189,7 @@ def _more_masks(
         supposed = ObjectEvidence(measured, match.prior, match.node.pose)
 
         def interval_at(scale: float, supposed: ObjectEvidence = supposed) -> tuple[float, float]:
-            return interval_of([*evidence.objects, _with_class_size(supposed, np.ones(3, dtype=bool), scale)])
+            return interval_with(_with_class_size(supposed, np.ones(3, dtype=bool), scale))
 
         yield text, object_name, "--draw" if has_images else None, interval_at
 

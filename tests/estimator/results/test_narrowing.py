@@ -14,12 +14,14 @@ import pytest
 
 import metric_tree
 from estimator.evidence.known_lengths import ObjectLength
+from estimator.posterior.posterior import posterior
 from estimator.records.objects import Box, MeasuredObject, Measurements, Up
 from estimator.records.options import EstimateOptions
 from estimator.records.result import ScaleEvidence
 from estimator.records.scene import Scene
 from estimator.results import advice
 from estimator.results.estimate import scale_of_objects
+from estimator.results.object_priors import object_evidence, resolve_categories
 from metric_base.errors import InputError
 from metric_cli.estimate_scale.estimate import main
 from metric_tree.tree import Tree
@@ -94,12 +96,15 @@ def test_errors_that_go_together_end_with_the_sides_that_are_supposed(tree: Tree
     assert result.would_help
 
 
-@pytest.mark.parametrize(("sigma", "is_suggested"), [(0.2, True), (0.05, False)])
+@pytest.mark.parametrize(
+    ("sigma", "n_evaluated", "is_suggested"), [(0.2, 6, True), (0.2, 1, True), (0.2, 0, False), (0.05, 6, False)]
+)
 def test_a_suggestion_narrows_the_interval_by_a_twentieth_or_more(
-    tree: Tree, monkeypatch: pytest.MonkeyPatch, sigma: float, is_suggested: bool
+    tree: Tree, monkeypatch: pytest.MonkeyPatch, sigma: float, n_evaluated: int, is_suggested: bool
 ) -> None:
     """The truncated length of a desk, whose other sides have this error: images narrow by 7 % or by 3 %."""
     monkeypatch.setattr(advice, "SUGGESTED_CATEGORIES", ())
+    monkeypatch.setattr(advice, "MAX_TRUNCATED_OBJECTS", n_evaluated)
     cut = replace(DESK, truncated=np.array([True, False, False]), sigma=np.array([0.3, sigma, sigma]))
     rough = ScaleEvidence("gps", "walk", 0.5, 0.3)
     result = scale_of_objects([cut], tree, EstimateOptions(evidence=(rough,)))
@@ -137,6 +142,21 @@ def test_the_option_of_the_best_measurement_helps(capsys: pytest.CaptureFixture[
     assert low < truth["metres_per_unit"] < high
     assert math.log(high / low) < 0.5 * math.log(alone["interval"]["high"] / alone["interval"]["low"])
     assert known["status"] == "resolved"
+
+
+def test_intervals_after_a_measurement_are_those_of_all_evidence(tree: Tree) -> None:
+    """The likelihoods of other classes are not computed again, for classes of one and of several objects."""
+    chairs = [MeasuredObject(str(n), "chair", np.array([0.5, 0.48, 0.9 + 0.02 * n]), np.full(3, 0.05)) for n in (3, 4)]
+    items = (VASE, DESK, *chairs)
+    before = object_evidence(items, resolve_categories(tree, {item.category for item in items})).objects
+    estimate = posterior(before)
+    for index in range(len(items)):
+        changed = replace(before[index], object=replace(items[index], extents=1.1 * items[index].extents))
+        after = [changed if number == index else item for number, item in enumerate(before)]
+        of_class = [item for item in after if item.prior is changed.prior]
+        assert estimate.with_class(of_class) == pytest.approx(posterior(after).interval, rel=2e-3)
+    length = np.array([[math.log(1.05), 0.03, 0.0]])
+    assert estimate.with_length(1.05, 0.03) == pytest.approx(posterior(before, length).interval, rel=2e-3)
 
 
 def boxed(name: str, x: float, **fields: Any) -> MeasuredObject:

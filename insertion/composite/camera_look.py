@@ -49,11 +49,13 @@ SQUARE_PX, MIN_BIN_SQUARES = 8, 12
 #: Quantile of the standard deviations of the squares that is the grain, because the plainest squares have no texture.
 PLAIN_QUANTILE = 0.15
 #: Smoothness of simulated grain (standard deviation of its blur in pixels), with the ratio of diagonal differences to
-#: the standard deviation in its plainest squares, and the ratio of the latter to the standard deviation of the grain,
-#: which is larger because the content of a frame is removed and squares have few independent pixels.
+#: the standard deviation (`PLAIN_QUANTILE` of the squares each), and the ratio of the latter to the standard deviation
+#: of the grain, which is larger because the content of a frame is removed and squares have few independent pixels.
 GRAIN_PX = np.array([0.0, 0.4, 0.5, 0.6, 0.7, 0.8, 1.0])
-DIAGONAL_RATIOS = np.array([1.03, 0.97, 0.84, 0.67, 0.54, 0.45, 0.34])
-PLAIN_RATIOS = np.array([0.88, 0.86, 0.83, 0.78, 0.73, 0.68, 0.59])
+DIAGONAL_RATIOS = np.array([0.965, 0.90, 0.77, 0.615, 0.495, 0.415, 0.385])
+PLAIN_RATIOS = np.array([0.875, 0.865, 0.835, 0.785, 0.73, 0.66, 0.50])
+#: Standard deviation of the rounding to levels in the plainest squares; grain is rounded again when it is applied.
+PLAIN_ROUNDING = 0.25
 #: Range of grey levels with grain: the black border of a lens and clipped pixels have none.
 GRAIN_LEVELS = (4, 251)
 #: Maximum ratio of the grain of a square to its finest differences; smoother variation is texture.
@@ -271,18 +273,21 @@ def measure_grain(image: Image, grey: _Grey) -> tuple[NDArray[np.float64], float
     spread, fine = residuals.std(axis=(1, 2)), diagonal.std(axis=(1, 2))  # (n, 3)
     widths = np.minimum(spread, MAX_GRAIN_RATIO * fine)
     bins = np.clip(squares[..., 1:4].mean(axis=(1, 2)) / 256 * GRAIN_BINS, 0, GRAIN_BINS - 1).astype(np.int64)
-    sigma = np.tile(np.quantile(widths, PLAIN_QUANTILE, axis=0), (GRAIN_BINS, 1))
+    both = np.dstack([widths, fine])  # (n, 3, 2)
+    plainest = np.tile(np.quantile(both, PLAIN_QUANTILE, axis=0), (GRAIN_BINS, 1, 1))
     for channel in range(3):
         for index in range(GRAIN_BINS):
-            in_bin = widths[bins[:, channel] == index, channel]
+            in_bin = both[bins[:, channel] == index, channel]
             if len(in_bin) >= MIN_BIN_SQUARES:
-                sigma[index, channel] = np.quantile(in_bin, PLAIN_QUANTILE)
+                plainest[index, channel] = np.quantile(in_bin, PLAIN_QUANTILE, axis=0)
+    plainest = np.sqrt(np.maximum(plainest**2 - PLAIN_ROUNDING**2, 0.0))
+    sigma = plainest[..., 0]
 
-    # 3. Smoothness of the plainest squares, and correlation of the channels in the plainer half.
-    width = spread.mean(axis=1)
-    is_plain = width <= np.quantile(width, PLAIN_QUANTILE)
-    ratio = float(fine[is_plain].mean()) / max(float(spread[is_plain].mean()), 1e-6)
+    # 3. Smoothness by the ratio of both, to which levels without grain (compressed skies) contribute nothing, and
+    #    correlation of the channels in the plainer half.
+    ratio = float(plainest[..., 1].sum()) / max(float(sigma.sum()), 1e-6)
     smoothness = float(np.interp(-ratio, -DIAGONAL_RATIOS, GRAIN_PX))
+    width = spread.mean(axis=1)
     plain = residuals[width <= np.median(width)]
     scaled = plain / np.maximum(plain.std(axis=(0, 1, 2)), 1e-6)
     common = float(np.mean(scaled * np.roll(scaled, 1, axis=-1)))

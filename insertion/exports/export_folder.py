@@ -87,7 +87,7 @@ class LayerWriter:
         """
         alpha, depth = item.full_size(self._shape)
         name = self._layers[frame.name]
-        file = name.with_name(f"{name.stem}_{index}.png")
+        file = name.with_name(f"{name.stem}_{index + 1}.png")
         write_picture(self._folder / "mask" / file, np.rint(255 * alpha).astype(np.uint8))
         deep = np.rint(np.nan_to_num(depth * self._millimetres, nan=0.0))
         write_picture(self._folder / "depth" / file, np.where(deep <= MAX_DEPTH_MM, deep, 0).astype(np.uint16))

@@ -38,13 +38,13 @@ def write_usd_scene(
     stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/World").GetPrim())
     for index, (camera, camera_keys) in enumerate(keyframes_by_camera(keys)):
         _add_camera(stage, f"/World/camera{index or ''}", camera, camera_keys, rate)
-    for index, placed in enumerate(objects):
-        path = f"/World/object{index}"
+    for number, placed in enumerate(objects, start=1):
+        path = f"/World/object{number}"
         matrix = object_matrix(placed, transform).T  # USD multiplies rows
         UsdGeom.Xform.Define(stage, path).AddTransformOp().Set(Gf.Matrix4d(matrix.tolist()))
         for row, part in enumerate(placed.model.meshes):
             mesh = write_mesh(stage, f"{path}/part{row}", part)
-            bind_material(stage, mesh, part.material, file.parent, f"object{index}_part{row}")
+            bind_material(stage, mesh, part.material, file.parent, f"object{number}_part{row}")
     stage.GetRootLayer().Save()
 
 

@@ -19,6 +19,8 @@ from metric_base.images import read_picture
 
 #: Frame rate of images without times, in frames per second: for animated objects and for a video made of images.
 IMAGE_SEQUENCE_RATE = 6.0
+#: Maximum size of the decoded images that are kept: cloud, light and motion blur read the same images.
+MAX_DECODED_BYTES = 1 << 28
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,7 +84,7 @@ class FrameRange(Footage):
 
 
 class SceneImages:
-    """Images of the views of a reconstruction, read on demand.
+    """Images of the views of a reconstruction, read on demand; the first `MAX_DECODED_BYTES` are kept.
 
     Attributes
     ----------
@@ -101,6 +103,7 @@ class SceneImages:
         self.scene = scene
         folders = image_folders(scene) if folder is None else (folder.resolve(),)
         self._files = [image_file(folders, view) for view in scene.views]
+        self._decoded: dict[int, Image] = {}
         self.rows = tuple(row for row, file in enumerate(self._files) if file is not None)
         if not self.rows:
             found = ", ".join(str(folder) for folder in folders) or "no folder `images` next to or above the model"
@@ -109,9 +112,11 @@ class SceneImages:
             )
 
     def image(self, row: int) -> Image:
-        """Read the image (h, w, 3) of a view. Raises InputError if it cannot be decoded or has another size."""
+        """Return the image (h, w, 3) of a view. Raises InputError if it cannot be decoded or has another size."""
         import cv2
 
+        if row in self._decoded:
+            return self._decoded[row]
         file, camera = self._files[row], self.scene.views[row].camera
         pixels = None if file is None else read_picture(file, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
         if pixels is None:
@@ -119,7 +124,11 @@ class SceneImages:
         if pixels.shape[:2] != (camera.height, camera.width):
             size = f"{pixels.shape[1]} x {pixels.shape[0]}"
             raise InputError(f"{file}: size: expected {camera.width} x {camera.height}, as its camera; found {size}")
-        return np.ascontiguousarray(pixels[..., ::-1])
+        image = np.ascontiguousarray(pixels[..., ::-1])
+        image.flags.writeable = False  # callers share it
+        if image.nbytes * (len(self._decoded) + 1) <= MAX_DECODED_BYTES:
+            self._decoded[row] = image
+        return image
 
 
 class ImageSequence(Footage):

@@ -28,7 +28,16 @@ from estimator.geometry.planes import level_basis
 from estimator.projection.visibility import project_unoccluded
 from insertion.colour import luminance, srgb_to_linear
 from insertion.footage.footage import SceneImages
-from insertion.light.environment_map import HEIGHT, WIDTH, Environment, SphereLights, map_directions, solid_angles
+from insertion.light.environment_map import (
+    HEIGHT,
+    MIRROR,
+    WIDTH,
+    Environment,
+    SphereLights,
+    enlarged_map,
+    map_directions,
+    solid_angles,
+)
 from insertion.light.lamp_fit import Lamp, RoomLight
 from insertion.light.light_samples import LAMP_SIGMA
 from insertion.scene.camera_rays import camera_rays
@@ -82,6 +91,8 @@ UNSEEN_GAIN_RANGE = (0.3, 8.0)
 MIN_CLIPPED = 0.96
 #: Factor on the radiance of clipped cells.
 CLIPPED_GAIN = 6.0
+#: Standard deviation of the smoothing of sharp reflections, in their cells, and range of their ratio to the map.
+MIRROR_SIGMA, MIRROR_RANGE = 0.7, (0.1, 10.0)
 #: Radius around a position outdoors in which the depth of the cloud is replaced by the ground, in camera heights.
 NEAR_CAMERA_HEIGHTS = 1.5
 #: Diameter of the sun in radians.
@@ -140,6 +151,7 @@ def environment_at(
     ground = float(position @ basis[2]) if isinstance(light, OutdoorLight) else None
     samples = _direction_samples(centre, basis, cloud, images, ground)
     radiance, coverage, sky = average_by_direction(samples)
+    detail = mirror_detail(samples, fill_unseen(radiance, coverage))
     if isinstance(light, OutdoorLight):
         below = samples.directions[:, 2] < -0.5
         ground_pixels = samples.colours[below if below.any() else ~samples.sky]
@@ -153,7 +165,7 @@ def environment_at(
             lamp = SphereLights((centre + distance * light.sun)[None], power, size, centre, light.occupancy)
             fraction = reaching_fraction(lamp, light.occupancy, position, basis[2], height)
             shaded = add_lamps(filled, coverage, basis, replace(lamp, power=power * fraction[:, None]))
-            return replace(shaded, lamps=lamp)
+            return replace(shaded, lamps=lamp, detail=detail)
     elif light is None:
         is_clipped = radiance.max(axis=-1, keepdims=True) > MIN_CLIPPED
         radiance = radiance * (1 + (CLIPPED_GAIN - 1) * is_clipped)
@@ -171,8 +183,8 @@ def environment_at(
         cosine = np.maximum(away @ basis[2], 0.0) / np.maximum(np.linalg.norm(away, axis=1), 1e-9) ** 3
         ambient, gain = balance_white(ambient, coverage, white_colour(samples.colours), cosine @ lamps.power)
         lamps = replace(lamps, power=lamps.power * gain)
-        return add_lamps(ambient, coverage, basis, lamps)
-    return Environment(filled.astype(np.float32), basis, coverage.astype(np.float32))
+        return replace(add_lamps(ambient, coverage, basis, lamps), detail=detail)
+    return Environment(filled.astype(np.float32), basis, coverage.astype(np.float32), detail=detail)
 
 
 def is_outdoors(cloud: ColouredPoints, images: SceneImages, up: FloatArray) -> bool:
@@ -345,8 +357,10 @@ def _pixel_samples(
     return samples
 
 
-def average_by_direction(samples: DirectionSamples) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Average samples over the cells of the map.
+def average_by_direction(
+    samples: DirectionSamples, height: int = HEIGHT, width: int = WIDTH
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Average samples over the cells of a map.
 
     Returns
     -------
@@ -359,15 +373,27 @@ def average_by_direction(samples: DirectionSamples) -> tuple[FloatArray, FloatAr
     """
     polar = np.arccos(np.clip(samples.directions[:, 2], -1, 1))
     azimuth = np.arctan2(samples.directions[:, 1], samples.directions[:, 0])
-    row = np.minimum((polar / np.pi * HEIGHT).astype(np.int64), HEIGHT - 1)
-    column = np.minimum(((azimuth / (2 * np.pi) + 0.5) * WIDTH).astype(np.int64), WIDTH - 1)
-    cell = row * WIDTH + column
+    row = np.minimum((polar / np.pi * height).astype(np.int64), height - 1)
+    column = np.minimum(((azimuth / (2 * np.pi) + 0.5) * width).astype(np.int64), width - 1)
+    cell = row * width + column
     weights = (np.ones(len(cell)), samples.sky.astype(float))
-    count, sky = (np.bincount(cell, each, HEIGHT * WIDTH).reshape(HEIGHT, WIDTH).astype(float) for each in weights)
-    sums = [np.bincount(cell, samples.colours[:, c].astype(float), HEIGHT * WIDTH) for c in range(3)]
-    total = np.stack(sums, axis=-1).reshape(HEIGHT, WIDTH, 3)
+    count, sky = (np.bincount(cell, each, height * width).reshape(height, width).astype(float) for each in weights)
+    sums = [np.bincount(cell, samples.colours[:, c].astype(float), height * width) for c in range(3)]
+    total = np.stack(sums, axis=-1).reshape(height, width, 3)
     gain = 1 / np.maximum(count, 1e-6)
     return total * gain[..., None], np.clip(count / 2.0, 0.0, 1.0), sky * gain
+
+
+def mirror_detail(samples: DirectionSamples, filled: FloatArray) -> NDArray[np.float32]:
+    """Return the ratio (MIRROR * h, MIRROR * w, 3) of samples to a complete map (h, w, 3); 1 without samples."""
+    import cv2
+
+    radiance, coverage, _ = average_by_direction(samples, MIRROR * HEIGHT, MIRROR * WIDTH)
+    summed = np.dstack([radiance * coverage[..., None], coverage]).astype(np.float32)
+    summed = cv2.GaussianBlur(summed, (0, 0), MIRROR_SIGMA)  # the images leave single cells without a sample
+    ratio = summed[..., :3] / np.maximum(summed[..., 3:], 1e-6) / np.maximum(enlarged_map(filled, MIRROR), 1e-3)
+    known = np.minimum(2 * summed[..., 3:], 1)
+    return np.asarray(1 + known * (np.clip(ratio, *MIRROR_RANGE) - 1), dtype=np.float32)
 
 
 def fill_unseen(radiance: FloatArray, coverage: FloatArray) -> FloatArray:

@@ -12,6 +12,8 @@ from metric_base.arrays import FloatArray
 
 #: Columns and rows of an environment map.
 WIDTH, HEIGHT = 128, 64
+#: Cells of the map of sharp reflections per cell of an environment map, along a side.
+MIRROR = 4
 #: Number of blurred levels of the prefiltered environment. The shader interpolates between levels by the square root of
 #: the roughness.
 LEVELS = 4
@@ -44,6 +46,8 @@ class Environment:
     coverage: NDArray[np.float32]  #: (HEIGHT, WIDTH) 0 to 1, how well the images show a direction; the rest is filled
     ambient: NDArray[np.float32] | None = None  #: the radiance without the lamps; None if no lamp is known
     lamps: SphereLights | None = None
+    #: (MIRROR * HEIGHT, MIRROR * WIDTH, 3) ratio of the radiance in mirrors to `radiance`; None without finer content
+    detail: NDArray[np.float32] | None = None
 
     def irradiance(self, normal: FloatArray) -> FloatArray:
         """Return the irradiance (3,) of a surface with unit normal (3,): the integral of radiance times the cosine."""
@@ -70,21 +74,35 @@ def solid_angles(height: int = HEIGHT, width: int = WIDTH) -> FloatArray:
 def prefiltered_environment(environment: Environment) -> list[NDArray[np.float32]]:
     """Return LEVELS + 1 maps (h, w, 3) for reflections, each half as high and wide as the one before.
 
-    Level k is the convolution with the GGX lobe of roughness (k / LEVELS)^2 about the mirror direction, with the view
-    along the normal (split-sum approximation; Karis 2013).
+    The first has MIRROR * HEIGHT rows. Level k is the convolution with the GGX lobe of roughness (k / LEVELS)^2 about
+    the mirror direction, with the view along the normal (split-sum approximation; Karis 2013). That of level 1 is
+    narrower than its cells.
     """
+    import cv2
+
     rows, columns = HEIGHT // _SOURCE_SHAPE[0], WIDTH // _SOURCE_SHAPE[1]
     blocks = environment.radiance.reshape(_SOURCE_SHAPE[0], rows, _SOURCE_SHAPE[1], columns, 3)
     source = np.asarray(blocks.mean(axis=(1, 3)), dtype=np.float64)
     directions = map_directions(*_SOURCE_SHAPE).reshape(-1, 3)
     weight = np.repeat(solid_angles(*_SOURCE_SHAPE), _SOURCE_SHAPE[1])  # (s,)
-    levels = [environment.radiance]
-    for level in range(1, LEVELS + 1):
-        shape = (HEIGHT >> level, WIDTH >> level)
+    sharp = enlarged_map(environment.radiance, MIRROR)
+    levels = [sharp if environment.detail is None else sharp * environment.detail]
+    levels.append(np.asarray(cv2.resize(levels[0], None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), np.float32))
+    for level in range(2, LEVELS + 1):
+        shape = (MIRROR * HEIGHT >> level + 1, MIRROR * WIDTH >> level + 1)
         lobe = ggx_lobe(map_directions(*shape).reshape(-1, 3) @ directions.T, (level / LEVELS) ** 2) * weight
         lobe /= lobe.sum(axis=1, keepdims=True)
-        levels.append((lobe @ source.reshape(-1, 3)).reshape(*shape, 3).astype(np.float32))
+        levels.append(enlarged_map((lobe @ source.reshape(-1, 3)).reshape(*shape, 3), 2))
     return levels
+
+
+def enlarged_map(radiance: NDArray[np.floating], factor: int) -> NDArray[np.float32]:
+    """Return a map (h, w, c) interpolated to `factor` times its rows and columns; the azimuth is periodic."""
+    import cv2
+
+    periodic = np.concatenate([radiance[:, -1:], radiance, radiance[:, :1]], axis=1).astype(np.float32)
+    enlarged = cv2.resize(periodic, None, fx=factor, fy=factor, interpolation=cv2.INTER_LINEAR)
+    return np.ascontiguousarray(enlarged[:, factor:-factor])
 
 
 def ggx_lobe(cosine: FloatArray, roughness: float) -> FloatArray:

@@ -189,7 +189,6 @@ class Lamp:
 class RoomLight:
     """The light of a room, in units of the radiance of the images."""
 
-    ambient: float  #: mean irradiance of the planes without the lamps
     unseen: float  #: radiance of surfaces that no image shows, mainly of the ceiling
     lamps: tuple[Lamp, ...]
     occupancy: Occupancy | None = None  #: occluders between the lamps and a position
@@ -273,8 +272,7 @@ def fit_room_light(
         replace(fitted.lamp, strengths=fitted.lamp.strengths * unit * cells.diagonal**2, colour=colour)
         for fitted, colour in zip(lamps, _lamp_colours(planes, lamps), strict=True)
     ]
-    ambient = unit * float(planes.ambient(planes.gain).mean())
-    return RoomLight(ambient, unit * planes.mean_irradiance * planes.gain / np.pi, tuple(scaled), occupancy)
+    return RoomLight(unit * planes.mean_irradiance * planes.gain / np.pi, tuple(scaled), occupancy)
 
 
 def _lamp_colours(planes: PlaneShading, lamps: list[_FittedLamp]) -> list[FloatArray]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from insertion.colour import srgb_to_linear
-from insertion.light.environment_map import Environment
+from insertion.light.environment_map import MIRROR, Environment
 from metric_base.arrays import FloatArray, IntArray
 from models3d.model import Material, Model
 
@@ -160,7 +160,12 @@ def environment_with_objects(environment: Environment, body: Body, others: Seque
     column = np.minimum(turn * width, width - 1).astype(np.int64)
     order = np.argsort(-distance)  # the nearest point is written last
     radiance[row[order], column[order]] = colour[order]
-    return replace(environment, radiance=radiance)
+    if environment.detail is None:
+        return replace(environment, radiance=radiance)
+    is_object = np.zeros((height, width, 1), bool)
+    is_object[row, column] = True
+    detail = np.where(is_object.repeat(MIRROR, axis=0).repeat(MIRROR, axis=1), np.float32(1), environment.detail)
+    return replace(environment, radiance=radiance, detail=detail)
 
 
 def colliding(one: Body, two: Body) -> bool:

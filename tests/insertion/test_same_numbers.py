@@ -73,7 +73,7 @@ def light_numbers(name: str) -> dict[str, list[float]]:
     source, cloud = scene.light.source, scene.space.cloud
     numbers: dict[str, list[float]] = {}
     if isinstance(source, RoomLight):
-        numbers["room"] = [source.ambient, source.unseen]
+        numbers["room"] = [source.unseen]
         for number, lamp in enumerate(source.lamps):
             mean = lamp.weights @ lamp.positions
             strength = float(lamp.weights @ lamp.strengths)

@@ -67,8 +67,8 @@ vec4 shaded(Facts f) {
         vec4 light = towards(i, f.place);
         vec3 direction = light.xyz, power = light_power[i] * light.w;
         float facing = dot(f.normal, direction);
+        if (facing <= 0.0) continue;  // behind the surface, which neither reflects nor mirrors it
         float lobe = pow(max(dot(mirror, direction), 0.0), sharpness);
-        if (facing <= 0.0 && lobe <= 0.0) continue;
         float open = dot(f.geometric, direction) > 0.0 ? lit(i, f.place, f.geometric) : 0.0;
         vec3 share = open > 0.0 ? open * past_scene(i, f.place) * from_plane(f.place, direction) : vec3(0.0);
         float past = open > 0.0 ? past_others(i, f.place, f.geometric) : 0.0;

@@ -50,7 +50,7 @@ def grain_px(smooth_px: float) -> float:
 
 
 def test_grain_is_smooth_by_at_most_1_pixel() -> None:
-    assert grain_px(0.9) < 0.97
+    assert grain_px(0.8) < 0.97
     assert grain_px(2.2) == pytest.approx(1.0)
 
 

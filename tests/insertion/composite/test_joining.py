@@ -228,6 +228,22 @@ def test_grain_of_each_channel_is_that_of_the_plate_beside_texture(texture: floa
         np.testing.assert_allclose(added.std(axis=(0, 1)), wanted, rtol=0.2)
 
 
+@pytest.mark.parametrize(("sigma", "smooth"), [(3.0, 0.0), (0.8, 0.7)])
+def test_the_finest_grain_is_that_of_the_plate_after_rounding(sigma: float, smooth: float) -> None:
+    """Half of the plate is a compressed sky without grain, which does not make the grain of the other half smooth."""
+    generator = np.random.default_rng(5)
+    noise = generator.standard_normal((240, 320, 3))
+    noise = cv2.GaussianBlur(noise, (0, 0), smooth) if smooth else noise
+    levels = np.where(np.arange(320) < 160, 80.5, 180 + 0.02 * np.arange(320))[None, :, None]
+    noise = np.where(np.arange(320)[None, :, None] < 160, sigma * noise / noise.std(), 0)
+    plate = np.rint(levels + noise).astype(np.uint8)
+    look = match.CameraLook(np.ones(3), np.eye(2), *match.measure_grain(plate, cv2.cvtColor(plate, cv2.COLOR_RGB2GRAY)))
+    assert look.grain_px == pytest.approx(smooth, abs=0.15)
+    added = np.rint(80.5 + grain(look, PixelBox(0, 0, 160, 240), np.full((240, 160, 3), 80, np.float32), 1))
+    finest = [np.diff(np.diff(image, axis=0), axis=1).std() for image in (added, plate[:, :160].astype(float))]
+    assert finest[0] == pytest.approx(finest[1], rel=0.12)
+
+
 def _lit(points: int, gain: np.ndarray) -> tuple[np.ndarray, VisiblePoints, ColouredPoints]:
     picture = np.full((20, 30, 3), 120, np.uint8)
     rows, columns = np.divmod(np.arange(points), 30)

@@ -153,7 +153,7 @@ def test_usd_has_the_same_camera(scene: tuple[InsertionScene, PlacedObject], tmp
     assert lens.focalLength / lens.horizontalAperture == pytest.approx(500 / 640)
     assert (lens.clippingRange.min, lens.clippingRange.max) == pytest.approx((0.01, 1000))
     bounds = UsdGeom.BBoxCache(Usd.TimeCode.Default(), ["default"]).ComputeWorldBound(
-        usd.GetPrimAtPath("/World/object0")
+        usd.GetPrimAtPath("/World/object1")
     )
     assert bounds.ComputeAlignedRange().GetSize()[1] == pytest.approx(HEIGHT, rel=1e-4)
 

@@ -82,7 +82,7 @@ def test_the_irradiance_of_one_cell_has_the_cosine() -> None:
 
 def test_each_level_of_reflections_has_half_the_size_and_more_blur() -> None:
     levels = prefiltered_environment(_one_cell(20, 70))
-    assert [level.shape for level in levels] == [(HEIGHT >> k, WIDTH >> k, 3) for k in range(LEVELS + 1)]
+    assert [level.shape for level in levels] == [(4 * HEIGHT >> k, 4 * WIDTH >> k, 3) for k in range(LEVELS + 1)]
     peaks = [float(level.max() / level.mean()) for level in levels]
     assert sorted(peaks, reverse=True) == peaks
     assert peaks[1] > 2 * peaks[-1]
@@ -242,7 +242,7 @@ def test_occluded_lamps_are_not_in_the_environment_map() -> None:
     position, cloud = np.array([1.5, 1.0, 0.05]), ColouredPoints(np.eye(3) * 2, np.ones((3, 3), np.float32), False)
     lamp = Lamp(np.array([[0.1, 1.0, 0.5]]), np.zeros((1, 3)), np.ones(1), np.array([5.0]), 0.02)
     open_room, behind_low_wall, behind_wall = (
-        estimate.environment_at(position, 0.6, np.eye(3), cloud, _Grey(), RoomLight(0.2, 0.1, (lamp,), occupancy))
+        estimate.environment_at(position, 0.6, np.eye(3), cloud, _Grey(), RoomLight(0.1, (lamp,), occupancy))
         for occupancy in (None, _wall(1), _wall(20))
     )
     toward = np.array([-1.0, 0.0, 0.0])

@@ -79,7 +79,7 @@ def test_the_shading_of_planes_determines_the_position_of_a_lamp(lamp: tuple[flo
 def test_constant_light_has_a_weak_lamp() -> None:
     shading = fit_room_light(_room(None, 0.0), UP)
     assert shading is not None
-    assert _down_at(shading, np.zeros(3)) < 0.35 * shading.ambient
+    assert _down_at(shading, np.zeros(3)) < 0.35 * np.pi * shading.unseen
 
 
 def test_no_lamp_is_at_a_visibly_free_position() -> None:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import csv
 import io
 import re
-import tomllib
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import is_dataclass
 from functools import cache
@@ -116,6 +115,8 @@ def toml_table(path: Path, error_type: type[InputError] = BadDeclaration) -> dic
     InputError
         Of the type `error_type`: the file cannot be read or is not TOML.
     """
+    import tomllib  # here, because queries read no TOML
+
     try:
         return tomllib.loads(read_text(path, MAX_TOML_BYTES, may_be_empty=True))
     except (ValueError, RecursionError) as error:  # no TOML, no UTF-8, a number of thousands of digits

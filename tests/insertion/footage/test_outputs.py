@@ -8,15 +8,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from estimator.reconstructions.scene_reader import read_scene
 from insertion.composite.compose import ObjectComposite
 from insertion.exports.export_folder import LayerWriter
-from insertion.footage.footage import Frame
+from insertion.footage import footage
+from insertion.footage.footage import Frame, SceneImages
 from insertion.footage.image_writer import check_preview_path, frame_writer
 from insertion.render.layers import ObjectLayers
 from insertion.render.renderer import ObjectImage
 from insertion.scene.pixel_box import PixelBox
 from metric_base.errors import InputError
 
+DEMO_ROOM = Path(__file__).resolve().parents[3] / "data" / "scenes" / "demo_room"
 PICTURE = np.full((8, 9, 3), 90, dtype=np.uint8)
 NAMES = ("../images/a.jpg", "/etc/a.png", "a.jpg", "a.png", "b/../../c.jpg", "A.PNG", "no ending")
 SHOTS = [Frame(index, name, None, None, index) for index, name in enumerate(NAMES)]
@@ -68,3 +71,15 @@ def test_a_disk_that_is_full_leaves_no_folder(tmp_path: Path, monkeypatch: pytes
 def test_a_preview_is_a_picture(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="--preview: expected an image file"):
         check_preview_path(tmp_path / "preview.xyz")
+
+
+@pytest.mark.parametrize(("images", "reads"), [(0, 4), (1, 3), (2, 2)])
+def test_decoded_images_are_kept_up_to_a_size(images: int, reads: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    decoded = SceneImages(read_scene(DEMO_ROOM))
+    size = decoded.image(0).nbytes
+    monkeypatch.setattr(footage, "MAX_DECODED_BYTES", (images + 1) * size - 1 if images < 2 else 2 * size)
+    fresh, files = SceneImages(decoded.scene), []
+    read = footage.read_picture
+    monkeypatch.setattr(footage, "read_picture", lambda file, how: files.append(file) or read(file, how))
+    assert [fresh.image(row).nbytes for row in (0, 0, 1, 1)] == [size] * 4
+    assert len(files) == reads

@@ -90,6 +90,21 @@ def test_each_level_of_reflections_has_half_the_size_and_more_blur() -> None:
     assert means == pytest.approx([means[0]] * (LEVELS + 1), rel=0.1)  # no lobe adds or loses light
 
 
+def test_mirrors_show_samples_that_are_finer_than_a_cell_of_the_map() -> None:
+    """Stripes of half a cell vanish in the map of 128 x 64 cells, but not in the reflection."""
+    directions = map_directions(4 * HEIGHT, 4 * WIDTH)
+    stripes = np.where(np.arange(4 * WIDTH) % 4 < 2, 0.2, 0.8)[None, :, None] * np.ones((4 * HEIGHT, 1, 3))
+    samples = estimate.DirectionSamples(
+        directions.reshape(-1, 3), np.float32(stripes.reshape(-1, 3)), np.zeros(directions[..., 0].size, bool)
+    )
+    radiance = estimate.average_by_direction(samples)[0]
+    assert radiance == pytest.approx(np.full(radiance.shape, 0.5), abs=1e-6)
+    detail = estimate.mirror_detail(samples, radiance)
+    environment = Environment(np.float32(radiance), np.eye(3), np.ones((HEIGHT, WIDTH), np.float32), detail=detail)
+    row = prefiltered_environment(environment)[0][2 * HEIGHT, :, 0]
+    assert row.max() > 2 * row.min()
+
+
 def test_the_lobe_of_reflections_is_ggx_of_half_the_angle() -> None:
     alpha2 = 0.5**4
     assert ggx_lobe(np.array(1.0), 0.5) == pytest.approx(1 / alpha2)

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -182,3 +183,17 @@ def test_the_basis_states_withheld_sources() -> None:
     assert "of 53 sources whose rows are not published" in default
     assert "nuscenes_mini" in default
     assert opened.startswith("The priors of 4.2.0-open are fitted to 49,570 items of sources with open licences. ")
+
+
+def test_a_release_is_opened_once_for_each_state_of_its_files(tmp_path: Path) -> None:
+    release = minitree.release(tmp_path / "r", minitree.rows()).directory
+    tree = metric_tree.open(release)
+    assert metric_tree.open(release) is tree  # the priors of a batch of scenes are the same objects
+    content = minitree.rows()
+    content["nodes.parquet"][-1]["aliases"] = ["zorb"]
+    shutil.rmtree(release)
+    minitree.release(release, content)
+    assert metric_tree.open(release).find("zorb").node_id == content["nodes.parquet"][-1]["node_id"]
+    (release / "priors.parquet").write_bytes(b"damaged")
+    with pytest.raises(BadRelease, match=r"priors\.parquet"):
+        metric_tree.open(release)

@@ -205,9 +205,9 @@ def test_a_segment_starts_1_5_cells_above_its_surface(z: float, is_open: bool) -
     assert _grid(_slab(2)).is_unobstructed(_at(5.5, 5.5, z), UP, _at(5.5, 5.5, 20.5)).all() == is_open
 
 
-@pytest.mark.parametrize(("lamp", "is_open"), [(21.9, True), (22.6, False)])
+@pytest.mark.parametrize(("lamp", "is_open"), [(21.9, True), (22.3, True), (22.6, False)])
 def test_the_last_2_cells_of_a_segment_are_not_tested(lamp: float, is_open: bool) -> None:
-    """A ceiling starts at 20."""
+    """A ceiling starts at 20; the segment is tested at 19.7 and at 20.4."""
     ceiling = np.zeros((SIDE,) * 3, bool)
     ceiling[..., 20] = True
     assert _grid(ceiling).is_unobstructed(_at(5.5, 5.5, 5.5), UP, _at(5.5, 5.5, lamp)).all() == is_open

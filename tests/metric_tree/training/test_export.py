@@ -262,6 +262,7 @@ def test_a_node_without_a_prior_has_that_of_its_ancestor_or_no_size() -> None:
     axis, sizes = shown_sizes({}, node, 0)
     assert (axis, len(sizes)) == ("height", 16)
     assert shown_sizes({"length_mm": 3.0, "width_mm": 9.0}, node, 0)[0] == "height"
+    assert shown_sizes({"height_mm": 700.0}, node, 0) == ("height", (700.0,))
     node.pose = "flat"
     assert shown_sizes({}, node, 0)[0] == "longest"
     assert shown_sizes({"length_mm": 3.0, "width_mm": 9.0}, node, 0) == ("longest", (9.0,))

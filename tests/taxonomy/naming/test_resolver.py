@@ -133,10 +133,15 @@ def test_copies_images_groups_and_parts_have_no_category_of_full_size(category: 
      ("miniature schnauzer", "miniature schnauzer"), ("a photo of a mirror", "mirror"), ("chair 187", "chair"),
      ("webcam on top of the monitor", "webcam"), ("a cup of the coffee", "cup"), ("view of a chair", "chair"),
      ("sofa (model EKTORP)", "sofa"), ("plate (drawing of a fish)", "plate"), ("small size bottle", "bottle"),
-     ("person in a photo booth", "person"), ("cup on a tv stand", "cup")],
+     ("person in a photo booth", "person"), ("miniature cow", "cow"), ("cup on a tv stand", "cup")],
 )  # fmt: skip
 def test_other_modifiers_and_descriptions_keep_the_category(text: str, name: str) -> None:
     assert TREE.find(text) == TREE.find(name)
+
+
+def test_a_miniature_of_a_person_is_no_breed() -> None:
+    with pytest.raises(UnknownName):
+        TREE.find("miniature boy")
 
 
 def test_two_near_senses_are_ambiguous() -> None:

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -201,4 +202,5 @@ def test_the_depth_of_a_box_is_that_of_its_central_half(offset, is_part):
     box = Instance("1", 0, "chair", np.ones((40, 40), dtype=bool), (80, 80), from_box=True)
     pixels = np.array([[100.0, 100.0], [101.0, 101.0], *[[100.0 + offset, 100.0]] * 3])
     depths = np.array([1.0, 1.0, 5.0, 5.0, 5.0])  # a median of 5 with the other points, and of 1 without
-    assert _is_at_object(depths, pixels, box, camera).tolist() == [not is_part] * 2 + [is_part] * 3
+    points = SimpleNamespace(depths=depths, pixels=pixels)
+    assert _is_at_object(points, np.arange(5), box, camera).tolist() == [not is_part] * 2 + [is_part] * 3

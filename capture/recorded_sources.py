@@ -42,7 +42,7 @@ def recorded_sources(
     import numpy as np
 
     from capture.frame_poses import FILE_NAME, read_frame_poses
-    from estimator.evidence.gps import Gps, VideoGps, pictures_have_gps
+    from estimator.evidence.gps import Gps, VideoGps, images_have_gps
     from estimator.evidence.imu import Imu
     from estimator.evidence.source import CameraPath
     from estimator.telemetry.readers import read_telemetry
@@ -54,7 +54,7 @@ def recorded_sources(
             expected = "a video, or the work folder of one, as SCENE"
             raise InputError.at("arguments", "--imu, --gps", expected, Unquoted(str(folder)))
         images = images or (None if poses is None else poses.source)
-        return (Gps("exif", images),) if gps == "auto" and pictures_have_gps(scene, images) else ()
+        return (Gps("exif", images),) if gps == "auto" and images_have_gps(scene, images) else ()
 
     video, start_s = poses.source, poses.frames[0].time_s or 0.0
     known = [(pose.time_s, pose.centre) for pose in poses.frames if pose.time_s is not None and pose.centre is not None]

@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 from metric_base.errors import InputError, Unquoted
 
+#: Suffixes of images that OpenCV and COLMAP read.
+IMAGE_SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp"})
 #: Maximum number of pixels of an image: twice the largest cameras.
 MAX_PIXELS = 1 << 28
 #: Maximum size of a file in bytes.
@@ -31,22 +33,22 @@ os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(MAX_PIXELS))
 os.environ.setdefault("OPENCV_LOG_LEVEL", "OFF")
 
 
-def read_picture(file: Path, flags: int) -> NDArray[Any] | None:
+def read_image(file: Path, flags: int) -> NDArray[Any] | None:
     """Return the pixels (h, w) or (h, w, c) of a file as `cv2.imread`; None if it is not an image or too large."""
     if not file.is_file() or file.stat().st_size > MAX_BYTES:
         return None
-    return decode_picture(np.fromfile(file, dtype=np.uint8), flags)
+    return decode_image(np.fromfile(file, dtype=np.uint8), flags)
 
 
-def checked_picture(file: Path, flags: int) -> NDArray[Any]:
+def checked_image(file: Path, flags: int) -> NDArray[Any]:
     """Return the pixels (h, w) or (h, w, c) of an image file; InputError if it is not an image or too large."""
-    pixels = read_picture(file, flags)
+    pixels = read_image(file, flags)
     if pixels is None:
         raise InputError.at(file, "image", "an image that OpenCV reads", Unquoted("something else"))
     return pixels
 
 
-def decode_picture(data: bytes | NDArray[np.uint8], flags: int) -> NDArray[Any] | None:
+def decode_image(data: bytes | NDArray[np.uint8], flags: int) -> NDArray[Any] | None:
     """Return the pixels (h, w) or (h, w, c) of an encoded image as `cv2.imdecode`; None if it is not an image."""
     import cv2
 
@@ -123,7 +125,7 @@ def image_size(file: Path) -> tuple[int, int]:
     return header.width, header.height
 
 
-def write_picture(file: Path, pixels: NDArray[Any], flags: Sequence[int] = ()) -> None:
+def write_image(file: Path, pixels: NDArray[Any], flags: Sequence[int] = ()) -> None:
     """Write pixels (h, w) or (h, w, c) in the format of the suffix, as `cv2.imwrite`, with errors of the system.
 
     Raises

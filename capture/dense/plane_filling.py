@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from metric_base.arrays import BoolArray, FloatArray
 
-FloatPicture = NDArray[np.float32]
+FloatImage = NDArray[np.float32]
 
 #: Maximum standard deviation of grey levels over a window of a plain surface, which has noise and shading only.
 MAX_PLAIN_STD, WINDOW = 6.0, 7
@@ -27,7 +27,7 @@ MIN_ON_PLANE, MAX_BEHIND = 0.5, 0.1
 N_TRIALS = 60
 
 
-def fill_planes(depth: FloatPicture, grey: FloatPicture) -> FloatPicture:
+def fill_planes(depth: FloatImage, grey: FloatImage) -> FloatImage:
     """Return a depth map (h, w) with plain surfaces filled if the known depths around them lie on one plane.
 
     A plane of the world is linear in inverse depth over the image: 1 / z = a x + b y + c. It is drawn only within the
@@ -62,7 +62,7 @@ def fill_planes(depth: FloatPicture, grey: FloatPicture) -> FloatPicture:
     return filled
 
 
-def _plane_depth(inside: BoolArray, depth: FloatPicture, generator: np.random.Generator) -> FloatPicture | None:
+def _plane_depth(inside: BoolArray, depth: FloatImage, generator: np.random.Generator) -> FloatImage | None:
     """Return the depth (h, w) of the plane around a surface, a mask (h, w), by depths (h, w); None without a plane."""
     known = np.isfinite(depth)
     kernel = np.ones((2 * BORDER_WIDTH + 1, 2 * BORDER_WIDTH + 1), np.uint8)

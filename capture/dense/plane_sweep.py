@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from estimator.projection.cameras import project
 from estimator.records.scene import View
 from metric_base.arrays import FloatArray
-from metric_base.images import checked_picture
+from metric_base.images import checked_image
 
-FloatPicture = NDArray[np.float32]
+FloatImage = NDArray[np.float32]
 
 #: Longer side in pixels of a depth map.
 DEPTH_SIDE = 640
@@ -40,7 +40,7 @@ EDGE_RATIO = 1.04
 class PinholeView:
     """A view without distortion; the pose is that of a `View`."""
 
-    grey: FloatPicture  #: (h, w) grey levels.
+    grey: FloatImage  #: (h, w) grey levels.
     colour: NDArray[np.uint8]  #: (h, w, 3) RGB.
     matrix: FloatArray  #: (3, 3) K in OpenCV's pixels.
     rotation: FloatArray
@@ -50,7 +50,7 @@ class PinholeView:
 def pinhole_view(view: View, images: Path) -> PinholeView:
     """Return a view with its image in a folder, undistorted; raises InputError if the image cannot be read."""
     camera = view.camera
-    image = checked_picture(images / view.name, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+    image = checked_image(images / view.name, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
     factor = min(1.0, DEPTH_SIDE / max(camera.width, camera.height))
     width, height = round(camera.width * factor), round(camera.height * factor)
     focal = camera.focal_px * factor
@@ -65,7 +65,7 @@ def pinhole_view(view: View, images: Path) -> PinholeView:
     return PinholeView(grey, np.asarray(colour, dtype=np.uint8), matrix, view.rotation, view.translation)
 
 
-def swept_depth(view: PinholeView, sources: Sequence[PinholeView], nearest: float, furthest: float) -> FloatPicture:
+def swept_depth(view: PinholeView, sources: Sequence[PinholeView], nearest: float, furthest: float) -> FloatImage:
     """Return the depth (h, w) along the optical axis in scene units, NaN if it is not reliable.
 
     Parameters
@@ -89,7 +89,7 @@ def swept_depth(view: PinholeView, sources: Sequence[PinholeView], nearest: floa
         lines = cost.swapaxes(0, 1) if is_swapped else cost
         sums = total.swapaxes(0, 1) if is_swapped else total
         for order in (range(len(lines)), range(len(lines) - 1, -1, -1)):
-            path: FloatPicture | None = None
+            path: FloatImage | None = None
             for line in order:
                 path = lines[line].copy() if path is None else _next_cost(path, lines[line])
                 sums[line] += path
@@ -111,15 +111,15 @@ def swept_depth(view: PinholeView, sources: Sequence[PinholeView], nearest: floa
     return np.where(unsure, np.nan, depth).astype(np.float32)
 
 
-def _window_moments(grey: FloatPicture) -> tuple[FloatPicture, FloatPicture]:
+def _window_moments(grey: FloatImage) -> tuple[FloatImage, FloatImage]:
     """Return mean and variance (h, w) of the window about each pixel."""
     mean = cv2.boxFilter(grey, -1, (WINDOW, WINDOW))
     return mean, np.maximum(cv2.boxFilter(grey * grey, -1, (WINDOW, WINDOW)) - mean * mean, 0)
 
 
 def _correlation(
-    moments: tuple[FloatPicture, FloatPicture], view: PinholeView, source: PinholeView, depth: float
-) -> FloatPicture:
+    moments: tuple[FloatImage, FloatImage], view: PinholeView, source: PinholeView, depth: float
+) -> FloatImage:
     """Return the correlation (h, w) with a source if the view showed the plane at `depth`; -1 outside the source.
 
     x_source ~ K_s (R + t n^T / depth) K^-1 x, with the plane's normal n = (0, 0, 1) in the view's frame; `moments` are
@@ -141,7 +141,7 @@ def _correlation(
     return np.asarray(score, dtype=np.float32)
 
 
-def _next_cost(path: FloatPicture, cost: FloatPicture) -> FloatPicture:
+def _next_cost(path: FloatImage, cost: FloatImage) -> FloatImage:
     """Return the next step (n, d) of a path: cost + min(same plane, one plane off + small, any + large) - min."""
     lowest = path.min(axis=1, keepdims=True)
     reached = np.minimum(path, lowest + LARGE_STEP)

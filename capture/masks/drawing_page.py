@@ -24,7 +24,7 @@ from estimator.records.scene import Scene
 from estimator.results.object_priors import resolve_categories
 from metric_base.errors import InputError, Unquoted
 from metric_base.files import write_whole
-from metric_base.images import read_picture
+from metric_base.images import read_image
 from metric_base.input_files import read_json
 from metric_base.local_page import LocalPage, is_count, json_answer
 from metric_tree.tree import Tree
@@ -199,7 +199,7 @@ class MaskPage(LocalPage):
         number = path.removeprefix("frame/")
         if path.startswith("frame/") and is_count(number) and int(number) < len(self._frames):
             # Browsers rotate images by EXIF and cannot show TIFF; the model refers to the pixels as they are stored.
-            pixels = read_picture(self._frames[int(number)].file, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+            pixels = read_image(self._frames[int(number)].file, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
             return None if pixels is None else ("image/jpeg", cv2.imencode(".jpg", pixels)[1].tobytes())
         return None
 

@@ -11,11 +11,11 @@ import msgspec
 import numpy as np
 
 from capture.sources.frame_selection import chosen_frames, edge_sharpness, motion_of
-from capture.sources.image_folder import PICTURE_SUFFIXES, ImageFolder, foreign_files, image_files
+from capture.sources.image_folder import ImageFolder, foreign_files, image_files
 from capture.sources.video import VIDEO_SUFFIXES, Video, VideoFrame
 from metric_base.arrays import FloatArray, grouped
 from metric_base.errors import InputError, Unquoted
-from metric_base.images import write_picture
+from metric_base.images import IMAGE_SUFFIXES, write_image
 from metric_base.input_files import read_json
 from metric_base.progress import ProgressCallback, silent, with_progress
 
@@ -185,11 +185,11 @@ def _write_frame(folder: Path, frame: VideoFrame, source: Source) -> ChosenFrame
     else:
         file, time_s, focal_px = source.path, frame.time_s, source.focal_px
         name, is_copied = f"{frame.index:06d}.jpg", False
-    assert Path(name).suffix.lower() in PICTURE_SUFFIXES
+    assert Path(name).suffix.lower() in IMAGE_SUFFIXES
     if is_copied:
         shutil.copyfile(file, folder / name)
     else:
-        write_picture(folder / name, colour[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+        write_image(folder / name, colour[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
     low, high = (None if np.isnan(value) else value for value in edge_sharpness(colour))
     focal_px = None if focal_px is None else focal_px * factor
     return ChosenFrame(frame.index, name, time_s, colour.shape[1], colour.shape[0], focal_px, (low, high))

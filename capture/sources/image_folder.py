@@ -10,11 +10,9 @@ import numpy as np
 
 from capture.sources.video import VideoFrame
 from metric_base.errors import InputError, Unquoted
-from metric_base.images import checked_picture, image_header
+from metric_base.images import IMAGE_SUFFIXES, checked_image, image_header
 from metric_base.input_files import folder_entries
 
-#: Suffixes of images that OpenCV and COLMAP read.
-PICTURE_SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp"})
 #: Suffixes of images that neither reads.
 FOREIGN_SUFFIXES = frozenset({".heic", ".heif", ".dng", ".cr2", ".nef", ".arw", ".avif", ".jxl"})
 _ORIENTATION = 0x0112
@@ -27,7 +25,7 @@ def image_files(folder: Path) -> list[Path]:
         words = re.split(r"(\d+)", file.name.lower())
         return [(int(word), "") if word.isdecimal() else (-1, word) for word in words]
 
-    files = [file for file in folder_entries(folder) if file.suffix.lower() in PICTURE_SUFFIXES and file.is_file()]
+    files = [file for file in folder_entries(folder) if file.suffix.lower() in IMAGE_SUFFIXES and file.is_file()]
     return sorted((file for file in files if not file.name.startswith(".")), key=natural)
 
 
@@ -65,7 +63,7 @@ class ImageFolder:
         if not self.files:
             foreign = foreign_files(path)
             found = f"{foreign[0]}; convert it to JPEG" if foreign else "none"
-            raise InputError.at(path, "images", ", ".join(sorted(PICTURE_SUFFIXES)), Unquoted(found))
+            raise InputError.at(path, "images", ", ".join(sorted(IMAGE_SUFFIXES)), Unquoted(found))
         self.n_frames = len(self.files)
         headers = [image_header(file) for file in self.files]
         if None in headers:
@@ -83,5 +81,5 @@ class ImageFolder:
         import cv2
 
         for index, file in enumerate(self.files):
-            image = checked_picture(file, cv2.IMREAD_COLOR)  # OpenCV rotates as EXIF requires
+            image = checked_image(file, cv2.IMREAD_COLOR)  # OpenCV rotates as EXIF requires
             yield VideoFrame(index, float(index), np.ascontiguousarray(image[:, :, ::-1]))

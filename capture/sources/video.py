@@ -16,7 +16,7 @@ from capture.sources.lens_metadata import stated_fisheye_deg, stated_focal_35mm
 from estimator.telemetry.readers import READ_ALONE
 from metric_base.errors import InputError, Unquoted
 
-Picture = NDArray[np.uint8]
+RgbImage = NDArray[np.uint8]
 
 #: Suffixes of files that are opened as videos; files with other content are rejected.
 VIDEO_SUFFIXES = frozenset({".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".mts", ".m2ts", ".3gp", ".mpg", ".mpeg"})
@@ -41,7 +41,7 @@ class VideoFrame:
 
     index: int  #: From 0 in presentation order.
     time_s: float  #: Presentation time.
-    colour: Picture  #: (h, w, 3) upright RGB.
+    colour: RgbImage  #: (h, w, 3) upright RGB.
 
 
 class Video:
@@ -102,13 +102,13 @@ class Video:
             last = max(float(time_s), float(np.nextafter(last, np.inf)))  # times ascend, also if the file repeats one
             yield VideoFrame(index, last, colour)
 
-    def stored_frames(self) -> Iterator[tuple[int, Any, Picture]]:
+    def stored_frames(self) -> Iterator[tuple[int, Any, RgbImage]]:
         """Yield the index, the PyAV frame with samples and tags, and the upright image (h, w, 3) of each frame."""
         with _opened(self.path) as (container, stream):
             for index, frame in enumerate(_decode(self.path, container, stream)):
                 yield index, frame, self._upright(frame)
 
-    def _upright(self, frame: Any) -> Picture:
+    def _upright(self, frame: Any) -> RgbImage:
         """Return the image of a frame: standard range, square pixels, upright."""
         if self.hdr is None:
             colour = frame.to_ndarray(format="rgb24")

@@ -59,7 +59,7 @@ def picture(body: bytes, url: str, item_id: str, folder: Path) -> Picture | Refu
 
     Only JPEG, PNG and WebP still images are accepted. The size in the header is checked before decoding.
     """
-    image: Any | Refusal = decode_picture(body)
+    image: Any | Refusal = decode_image(body)
     if isinstance(image, str):
         return cast(Refusal, image)
     ending, (width, height) = _ENDINGS[image.format], image.size
@@ -75,7 +75,7 @@ def picture(body: bytes, url: str, item_id: str, folder: Path) -> Picture | Refu
     return Picture(name, item_id, url, path.as_posix(), width, height)
 
 
-def decode_picture(body: bytes) -> Any | Refusal:
+def decode_image(body: bytes) -> Any | Refusal:
     """Return the decoded Pillow image of a response, or the reason to reject it."""
     if not body:
         return "empty"

@@ -154,7 +154,7 @@ class CommitMiddleware:
         if False:  # Scrapy needs an asynchronous generator
             yield
 
-    def _commit(self, outcome: Outcome, is_picture: bool, url: str) -> None:
+    def _commit(self, outcome: Outcome, is_image: bool, url: str) -> None:
         """Commit and count a page, and end the crawl at its limit of items."""
         new = self._frontier.commit(outcome)
         if self._frontier.error is not None:
@@ -166,7 +166,7 @@ class CommitMiddleware:
             if len(known) > MAX_REMEMBERED_URLS:
                 known.clear()
             known.update(task.url for task in outcome.tasks)
-        if is_picture:
+        if is_image:
             self._count("pictures", new, url)
             return
         self._count("items", new, url)

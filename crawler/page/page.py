@@ -34,9 +34,9 @@ _LINKS = etree.XPath("//a/@href", smart_strings=False)
 _LINKED_DATA = etree.XPath("//script[contains(@type, 'ld+json')]/text()", smart_strings=False)
 #: First bytes of other files that users save with pages.
 _SIGNATURES = {
-    b"\xff\xd8\xff": "a JPEG picture",
-    b"\x89PNG": "a PNG picture",
-    b"GIF8": "a GIF picture",
+    b"\xff\xd8\xff": "a JPEG image",
+    b"\x89PNG": "a PNG image",
+    b"GIF8": "a GIF image",
     b"RIFF": "a WebP image or another RIFF file",
     b"%PDF-": "a PDF",
     b"PK\x03\x04": "a ZIP archive or an office document",

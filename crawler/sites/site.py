@@ -80,9 +80,9 @@ class Site(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
         """Return True if an address lists products or categories."""
         return bool(re.search(self.listing_page, url))
 
-    def may_store(self, picture_url: str) -> bool:
+    def may_store(self, image_url: str) -> bool:
         """Return True if the terms of the site allow to store an image."""
-        return self.pictures is not None and bool(re.search(self.pictures, picture_url))
+        return self.pictures is not None and bool(re.search(self.pictures, image_url))
 
     def addresses(self, query: str = "", category: str = "") -> Iterator[str]:
         """Return the start addresses: the templates filled with the query or the category."""

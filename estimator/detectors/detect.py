@@ -12,7 +12,7 @@ from estimator.instances.view_matching import mask_crop
 from estimator.reconstructions.image_files import image_file, image_folders
 from estimator.records.scene import Instance, Scene, View
 from metric_base.errors import InputError, Unquoted, in_file
-from metric_base.images import checked_picture
+from metric_base.images import checked_image
 from metric_base.progress import ProgressCallback, silent, with_progress
 
 
@@ -56,7 +56,7 @@ def detect_instances(
     instances: list[Instance] = []
     for index, file in with_progress(files, "detecting", progress):
         # The orientation of the file is ignored, because keypoints refer to the image as the camera stored it.
-        image = checked_picture(file, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+        image = checked_image(file, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
         detections = detector(cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
         instances += _instances(index, scene.views[index], detections, detector)
     if not instances:

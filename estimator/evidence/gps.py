@@ -166,7 +166,7 @@ def path_speed(times_s: FloatArray, metres: FloatArray) -> float:
     return float(np.median(np.linalg.norm(moved, axis=1))) / SPEED_LAG_S
 
 
-def pictures_have_gps(scene: Scene, images: Path | None) -> bool:
+def images_have_gps(scene: Scene, images: Path | None) -> bool:
     """Return whether any of a few images of the scene has a position."""
     probed = scene.views[:: max(1, len(scene.views) // N_PROBED_IMAGES)][:N_PROBED_IMAGES]
     return len(exif_positions(replace(scene, views=tuple(probed)), images)[0]) > 0
@@ -265,7 +265,8 @@ def tilt_sigma(centres: FloatArray, alignment: Alignment, accuracy_m: float | No
 def stretch_ratio(centres: FloatArray, metres: FloatArray, residual: float) -> float | None:
     """Return the ratio of the largest to the smallest scale from directions of the path (n, 3) to positions (n, 3).
 
-    None if a linear map leaves about the same `residual` (in metres, per coordinate) as the similarity.
+    None if the ratio is at most `MIN_STRETCH`, if a linear map leaves about the same `residual` (in metres, per
+    coordinate) as the similarity, or if the path is straight or has too few positions.
     """
     source, target = centres - centres.mean(axis=0), metres - metres.mean(axis=0)
     _, extents, axes = np.linalg.svd(source, full_matrices=False)

@@ -27,7 +27,7 @@ from estimator.records.result import ScaleEvidence
 from estimator.records.scene import Scene, View, camera_centres
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
-from metric_base.images import read_picture
+from metric_base.images import read_image
 from metric_base.length_units import metres
 
 KIND = "marker"
@@ -208,7 +208,7 @@ class Marker:
         n_images = 0
         for row, view in enumerate(scene.views):
             file = image_file(folders, view)
-            image = None if file is None else read_picture(file, cv2.IMREAD_GRAYSCALE)
+            image = None if file is None else read_image(file, cv2.IMREAD_GRAYSCALE)
             if image is None:
                 continue
             n_images += 1

@@ -14,7 +14,7 @@ from estimator.instances.view_matching import ViewLookup, finish_instances, mask
 from estimator.records.scene import Instance, Scene
 from metric_base.arrays import BoolArray
 from metric_base.errors import FieldError, at_field, expect, in_file
-from metric_base.images import decode_picture
+from metric_base.images import decode_image
 from metric_base.input_files import read_json
 from metric_base.parsing import json_array, json_name, json_object, json_records
 
@@ -129,7 +129,7 @@ def _stored_mask(text: object, corner: np.ndarray[Any, Any], size: tuple[int, in
         data = base64.b64decode(text, validate=True) if isinstance(text, str) else b""
     except (binascii.Error, ValueError):
         data = b""
-    crop = decode_picture(data, cv2.IMREAD_GRAYSCALE)
+    crop = decode_image(data, cv2.IMREAD_GRAYSCALE)
     if crop is None:
         raise FieldError("mask", "a PNG in base64", text)
     mask = np.zeros((size[1], size[0]), dtype=bool)

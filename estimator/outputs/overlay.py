@@ -28,7 +28,7 @@ from metric_base.arrays import FloatArray
 from metric_base.errors import InputError, Unquoted
 from metric_base.escaping import visible
 from metric_base.files import OutputNames, whole_folder
-from metric_base.images import checked_picture, write_picture
+from metric_base.images import checked_image, write_image
 
 if TYPE_CHECKING:
     from PIL.ImageFont import FreeTypeFont
@@ -148,7 +148,7 @@ def _fonts() -> tuple[FreeTypeFont, FreeTypeFont]:
     return bold, plain
 
 
-def view_pictures(scene: Scene, images: Path | None = None) -> list[Path | None]:
+def view_images(scene: Scene, images: Path | None = None) -> list[Path | None]:
     """Return the image of each view, or None.
 
     Parameters
@@ -180,7 +180,7 @@ def write_overlays(estimate: SceneEstimate, folder: Path, images: Path | None = 
     folder : Path
         Must not exist.
     images : Path, optional
-        As for `view_pictures`.
+        As for `view_images`.
 
     Returns
     -------
@@ -192,15 +192,15 @@ def write_overlays(estimate: SceneEstimate, folder: Path, images: Path | None = 
     InputError
         The folder exists, or no image is found or can be read.
     """
-    files = view_pictures(estimate.scene, images)
+    files = view_images(estimate.scene, images)
     with whole_folder(folder, "--overlay") as temporary:
         names = OutputNames(temporary)
         for row, file in enumerate(files):
             if file is not None:
-                image = checked_picture(file, cv2.IMREAD_COLOR)
+                image = checked_image(file, cv2.IMREAD_COLOR)
                 name = estimate.scene.views[row].name
                 target = names.path(name if Path(name).suffix.lower() in _RETAINED_SUFFIXES else f"{name}.png")
-                write_picture(target, overlay(estimate, row, image[..., ::-1])[..., ::-1])
+                write_image(target, overlay(estimate, row, image[..., ::-1])[..., ::-1])
     return sum(file is not None for file in files)
 
 

@@ -1,7 +1,8 @@
 """Estimate the scale from measured objects and other evidence (`scale_of_objects`).
 
-The posterior weighs all evidence. Its status is overruled in two cases: known lengths that contradict the objects
-(`known_length_conflict`), and objects of a single category that do not have its sizes (`single_category_reason`).
+The posterior weighs all evidence. Its status is overruled by known lengths that contradict the objects
+(`known_length_conflict`) and, without other evidence, by objects of a single category that do not have its sizes
+(`single_category_reason`) and by objects with scales far from the result (`disagreement`).
 """
 
 from __future__ import annotations

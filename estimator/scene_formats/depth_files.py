@@ -21,7 +21,7 @@ import numpy as np
 from estimator.records.network_outputs import DEPTH_KEYS, FOCAL_KEYS, INTRINSICS_KEYS, UNIDEPTH_KEYS
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError, Unquoted
-from metric_base.images import read_picture
+from metric_base.images import read_image
 
 #: First bytes of an EXR file, as a number.
 EXR_MAGIC = 20000630
@@ -83,8 +83,8 @@ def read_exr(file: Path, data: bytes | None = None, *, is_points: bool = False) 
         return _exr_channel(data, header, names.index(wanted))
     except (struct.error, ValueError, KeyError, IndexError, OverflowError, zlib.error) as error:
         content = "the channels R, G, B" if is_points else "one depth channel"
-        expected = f"an OpenEXR picture in scan lines, uncompressed or ZIP, with {content}"
-        raise InputError.at(file, "picture", expected, Unquoted(str(error) or type(error).__name__)) from None
+        expected = f"an OpenEXR image in scan lines, uncompressed or ZIP, with {content}"
+        raise InputError.at(file, "image", expected, Unquoted(str(error) or type(error).__name__)) from None
 
 
 def _exr_header(data: bytes) -> _Header:
@@ -205,11 +205,11 @@ def read_depths(file: Path, png_metres: float = 0.001) -> DepthMaps:
     elif reader := {".npy": read_npy, ".exr": read_exr}.get(kind):
         depth = reader(file)
     else:
-        values, is_pfm = read_picture(file, cv2.IMREAD_UNCHANGED), kind == ".pfm"
+        values, is_pfm = read_image(file, cv2.IMREAD_UNCHANGED), kind == ".pfm"
         if values is None or values.ndim != 2 or values.dtype != (np.float32 if is_pfm else np.uint16):
             expected = "a PFM of one channel" if is_pfm else "a PNG of 16 bits"
-            actual = "no picture" if values is None else f"{values.dtype} of shape {values.shape}"
-            raise InputError.at(file, "picture", expected, Unquoted(actual))
+            actual = "no image" if values is None else f"{values.dtype} of shape {values.shape}"
+            raise InputError.at(file, "image", expected, Unquoted(actual))
         depth = values.astype(float) if is_pfm else np.where(values > 0, values.astype(float), np.nan) * png_metres
     return DepthMaps(map_stack(file, depth), focal, network, relative_error)
 

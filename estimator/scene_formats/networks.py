@@ -21,7 +21,7 @@ from estimator.scene_formats.common import FLIP, IMAGE_FOLDERS, MAX_TANGENT, pin
 from estimator.scene_formats.depth_files import archive_arrays, archive_names, map_stack, read_exr, read_npy
 from metric_base.arrays import FloatArray, IntArray, evenly_spaced
 from metric_base.errors import FieldError, InputError, Unquoted, at_field, expect, in_file
-from metric_base.images import image_size
+from metric_base.images import IMAGE_SUFFIXES, image_size
 from metric_base.input_files import folder_entries, read_text
 
 #: Maximum number of points of the cloud; dense clouds of COLMAP have about as many.
@@ -40,8 +40,6 @@ AGREEMENT_TOLERANCE = 0.1
 MIN_AGREEMENT_GAIN = 0.2
 #: Maximum number of pairs of views, and of points of each, for this comparison.
 N_PAIRS, N_PAIR_POINTS = 24, 400
-#: Suffixes of images, whose names in order are those of the views.
-IMAGE_SUFFIXES = {".jpg", ".jpeg", ".png", ".webp", ".bmp", ".tif", ".tiff"}
 #: Maximum relative difference between the aspect ratios of an image and of its map; networks round to 14 or 16 pixels.
 MAX_ASPECT_DIFFERENCE = 0.05
 

@@ -12,7 +12,7 @@ from estimator.views.glb import FACES
 from estimator.views.scene_view import COLOURS, BoxView, SceneView
 from metric_base.arrays import FloatArray
 from metric_base.files import whole_file
-from metric_base.images import write_picture
+from metric_base.images import write_image
 
 #: Size of the image in pixels.
 WIDTH, HEIGHT = 1600, 1000
@@ -36,7 +36,7 @@ def write_view(view: SceneView, path: Path, option: str = "--view-png") -> None:
     """Write the image of a view; InputError if the file cannot be written."""
     with whole_file(path, option) as work:
         image = work.with_name(work.name + path.suffix)
-        write_picture(image, render_view(view)[..., ::-1])
+        write_image(image, render_view(view)[..., ::-1])
         image.replace(work)
 
 

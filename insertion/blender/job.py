@@ -17,7 +17,7 @@ from insertion.render.layers import window_behind
 from insertion.scene.camera_rays import Window, focal_lengths
 from insertion.scene.pixel_box import PixelBox
 from metric_base.arrays import FloatArray
-from metric_base.images import write_picture
+from metric_base.images import write_image
 from models3d.gltf.model_writer import write_gltf_model
 
 #: Number of samples per pixel; a denoiser removes the remaining noise.
@@ -141,5 +141,5 @@ def support_albedo(environment: Environment) -> list[float]:
 
 def write_environment(environment: Environment, file: Path) -> Path:
     """Write the environment as a Radiance image, mirrored because Blender has the opposite azimuth; return the file."""
-    write_picture(file, np.ascontiguousarray(environment.radiance[:, ::-1, ::-1]))
+    write_image(file, np.ascontiguousarray(environment.radiance[:, ::-1, ::-1]))
     return file

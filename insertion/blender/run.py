@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from insertion.blender.job import ideal_window, insertion_job
-from insertion.exports.export_folder import picture_names
+from insertion.exports.export_folder import image_names
 from insertion.exports.metric_frame import frame_rate
 from insertion.footage.footage import Frame
 from insertion.light.environment_map import Environment
@@ -150,7 +150,7 @@ def export_blend(
     with tempfile.TemporaryDirectory(prefix="insert-object-") as name:
         temporary = Path(name)
         job = insertion_job(objects, frames, environment, temporary, ideal_window)
-        first = f"pictures/{next(iter(picture_names(frames).values())).as_posix()}"
+        first = f"pictures/{next(iter(image_names(frames).values())).as_posix()}"
         # names of frames of a video are their numbers; of other images the first one is shown
         numbered = [frame.index for frame in frames if frame.name == f"{frame.index:06d}.png"]
         plates = {"file": first, "number": frames[0].index, "count": len(numbered) or 1}

@@ -90,10 +90,10 @@ def set_world(scene: Any, file: str | None) -> None:
     if file is None:
         background.inputs["Color"].default_value = (0, 0, 0, 1)
         return
-    picture = nodes.new("ShaderNodeTexEnvironment")
-    picture.image = bpy.data.images.load(file)
-    picture.image.colorspace_settings.name = "Linear Rec.709"
-    links.new(picture.outputs["Color"], background.inputs["Color"])
+    texture = nodes.new("ShaderNodeTexEnvironment")
+    texture.image = bpy.data.images.load(file)
+    texture.image.colorspace_settings.name = "Linear Rec.709"
+    links.new(texture.outputs["Color"], background.inputs["Color"])
 
 
 def add_camera(scene: Any, job: dict[str, Any]) -> Any:

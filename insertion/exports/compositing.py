@@ -26,7 +26,7 @@ from insertion.render.layers import window_behind
 from insertion.scene.camera_rays import camera_rays, surface_normals
 from insertion.scene.pixel_box import PixelBox
 from metric_base.arrays import FloatArray
-from metric_base.images import write_picture
+from metric_base.images import write_image
 
 SCHEMA = "metric-tree/layers/1"
 #: Pixel format of FFmpeg and order of the channels in its planes, by the number of channels.
@@ -105,7 +105,7 @@ class CompositingLayers:
             self._write("matte", frame, self._straight(frame.view.camera, hidden))
             self._write("normal", frame, surface_normals(depth, camera_rays(frame.view.camera)))
         name = self._names[frame.name].with_suffix(".png")
-        write_picture(self._folder / "id" / name, number)
+        write_image(self._folder / "id" / name, number)
 
     def _shares(self, shape: tuple[int, ...]) -> dict[int, NDArray[np.float32]]:
         """Return the fraction (h, w) of each object in the visible foreground, by its number from 1."""

@@ -15,7 +15,7 @@ from estimator.reconstructions.image_files import image_file, image_folders
 from estimator.records.scene import Scene, View
 from insertion.colour import Image
 from metric_base.errors import InputError
-from metric_base.images import read_picture
+from metric_base.images import read_image
 
 #: Frame rate of images without times, in frames per second: for animated objects and for a video made of images.
 IMAGE_SEQUENCE_RATE = 6.0
@@ -118,7 +118,7 @@ class SceneImages:
         if row in self._decoded:
             return self._decoded[row]
         file, camera = self._files[row], self.scene.views[row].camera
-        pixels = None if file is None else read_picture(file, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+        pixels = None if file is None else read_image(file, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
         if pixels is None:
             raise InputError(f"{file}: not an image that OpenCV can decode")
         if pixels.shape[:2] != (camera.height, camera.width):

@@ -11,7 +11,7 @@ from insertion.colour import Image
 from insertion.footage.footage import Frame
 from metric_base.errors import InputError
 from metric_base.files import OutputNames, check_folder, output_file, whole_file, whole_folder
-from metric_base.images import write_picture
+from metric_base.images import write_image
 
 Writer = Callable[[Frame, Image], None]
 #: File suffixes of a preview.
@@ -63,7 +63,7 @@ def frame_writer(
 
             def write_png(frame: Frame, image: Image) -> None:
                 stem = frame.name.removesuffix(Path(frame.name).suffix)
-                write_picture(names.path(f"{stem}{FRAME_SUFFIX}"), image[..., ::-1])
+                write_image(names.path(f"{stem}{FRAME_SUFFIX}"), image[..., ::-1])
 
             yield write_png
         return

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from capture.sources.video import Video
 
-Picture = NDArray[np.uint8]
+RgbImage = NDArray[np.uint8]
 #: Weights of red and blue in luma, by the code of the matrix in ITU-T H.273.
 _WEIGHTS = {1: (0.2126, 0.0722), 4: (0.30, 0.11), 7: (0.212, 0.087), 9: (0.2627, 0.0593), 10: (0.2627, 0.0593)}
 #: Weights for a frame without a matrix, as in FFmpeg (BT.601).
@@ -62,7 +62,7 @@ def matrix_of(number: int) -> ChromaMatrix:
     return np.stack([luma, by_blue, by_red])
 
 
-def changed_frame(frame: Any, before: Picture, after: Picture) -> Any:
+def changed_frame(frame: Any, before: RgbImage, after: RgbImage) -> Any:
     """Return a frame of PyAV with the change of an image from `before` to `after`, (h, w, 3) in stored orientation.
 
     Without a change, the frame itself is returned. Formats other than planar Y, U, V are converted to 4:4:4.
@@ -106,7 +106,7 @@ def _copy(frame: Any) -> Any:
     return out
 
 
-def _hdr_change(frame: Any, before: Picture, after: Picture) -> NDArray[np.float32]:
+def _hdr_change(frame: Any, before: RgbImage, after: RgbImage) -> NDArray[np.float32]:
     """Return the change (h, w, 3) of an HDR signal, 0 to 255, for a change of the image in standard range.
 
     The signal of each level is estimated from the frame: the mean over the pixels with this level.
@@ -193,11 +193,11 @@ class VideoWriter:
         finally:
             self._container.close()
 
-    def write(self, picture: NDArray[np.uint8], time_s: float, index: int = 0) -> None:
+    def write(self, image: NDArray[np.uint8], time_s: float, index: int = 0) -> None:
         """Add an upright RGB image (h, w, 3) shown from `time_s` on; `index` is that of the frame of the source."""
         if self._first_s is None:
             self._first, self._first_s = index, time_s if index else 0.0  # a range of frames starts at 0
-        frame = self._frame(picture, index)
+        frame = self._frame(image, index)
         if self._stream is None:
             self._open(frame)
         if frame.format.name != self._stream.pix_fmt:
@@ -210,9 +210,9 @@ class VideoWriter:
         self._last_s = time_s
         self._container.mux(self._stream.encode(frame))
 
-    def _frame(self, picture: NDArray[np.uint8], index: int) -> Any:
+    def _frame(self, image: NDArray[np.uint8], index: int) -> Any:
         """Return an image (h, w, 3) as a frame of PyAV: a changed frame of the source, or a new one of BT.709."""
-        stored = np.ascontiguousarray(np.rot90(picture, self._turned // 90))
+        stored = np.ascontiguousarray(np.rot90(image, self._turned // 90))
         for number, frame, upright in self._frames or ():
             if number == index:
                 return changed_frame(frame, np.rot90(upright, self._turned // 90), stored)

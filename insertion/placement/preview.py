@@ -32,7 +32,7 @@ class FreePosition:
     plane: int  #: index of the support plane
     xy_m: tuple[float, float]  #: metres along the axes of the plane, as `--xy`
     above_m: float  #: height above the lowest plane
-    in_picture: bool  #: the image of the preview shows it
+    in_image: bool  #: the image of the preview shows it
 
     @property
     def options(self) -> str:

@@ -344,8 +344,8 @@ class ObjectRenderer:
         levels = prefiltered_environment(environment)
         texture = self._context.texture(levels[0].shape[1::-1], 3, levels[0].tobytes(), dtype="f4")
         texture.build_mipmaps(0, LEVELS)
-        for level, picture in enumerate(levels):
-            texture.write(np.ascontiguousarray(picture).tobytes(), level=level)
+        for level, image in enumerate(levels):
+            texture.write(np.ascontiguousarray(image).tobytes(), level=level)
         texture.filter = (self._context.LINEAR_MIPMAP_LINEAR, self._context.LINEAR)
         texture.repeat_y = False
         self._set_texture(_ENVIRONMENT, texture)

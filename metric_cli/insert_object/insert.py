@@ -206,7 +206,7 @@ def _write_preview(options: argparse.Namespace, request: InsertionRequest, scene
         return
     stream = sys.stdout if is_only_output else sys.stderr
     for position in positions:
-        note = "" if position.in_picture else "; not in the image"
+        note = "" if position.in_image else "; not in the image"
         height_m = max(0.0, position.above_m)
         stream.write(f"{position.number}: {position.options}   {height_m:.2f} m above the lowest plane{note}\n")
 

@@ -60,7 +60,7 @@ class Foreground:
 class Backend(Protocol):
     """A method to separate the foreground of an image."""
 
-    def foreground(self, picture: RGB) -> Foreground:
+    def foreground(self, image: RGB) -> Foreground:
         """Return the foreground of an RGB image, (h, w, 3) uint8."""
         ...
 
@@ -82,11 +82,11 @@ class Auto:
     plain: Backend
     network: Backend | None
 
-    def foreground(self, picture: RGB) -> Foreground:
+    def foreground(self, image: RGB) -> Foreground:
         """Return the foreground of an image (h, w, 3) by `plain` if that does not refuse it, else by the network."""
-        plain = self.plain.foreground(picture)
+        plain = self.plain.foreground(image)
         if plain.refused is None:
             return plain
         if self.network is None:
             return Foreground(plain.alpha, plain.method, "no_weights")
-        return self.network.foreground(picture)
+        return self.network.foreground(image)

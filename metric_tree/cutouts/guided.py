@@ -40,22 +40,22 @@ def guides(path: Path) -> dict[str, Guide]:
     return {guide.picture: guide for _, guide in json_lines(path, Guide)}
 
 
-def guided_foreground(picture: RGB, guide: Guide) -> Foreground:
+def guided_foreground(image: RGB, guide: Guide) -> Foreground:
     """Return the foreground of an image (h, w, 3) under a guide; it is refused as `poor` if the verdict is.
 
     A guide outside the image gives an empty foreground.
     """
     refused = "poor" if guide.verdict == "poor" else None
-    empty = Foreground(np.zeros(picture.shape[:2], np.uint8), METHOD, refused)
+    empty = Foreground(np.zeros(image.shape[:2], np.uint8), METHOD, refused)
     if guide.undrawn:
         return empty
-    state = grabcut_state(guide, picture.shape[:2])
+    state = grabcut_state(guide, image.shape[:2])
     present = set(np.unique(state).tolist())
     if not {cv2.GC_FGD, cv2.GC_PR_FGD} & present or cv2.GC_BGD not in present:
         return empty
     cv2.setRNGSeed(0)
     models = np.zeros((1, 65)), np.zeros((1, 65))
-    cv2.grabCut(picture[..., ::-1].copy(), state, None, *models, ROUNDS, cv2.GC_INIT_WITH_MASK)
+    cv2.grabCut(image[..., ::-1].copy(), state, None, *models, ROUNDS, cv2.GC_INIT_WITH_MASK)
     mask = np.isin(state, (cv2.GC_FGD, cv2.GC_PR_FGD)).astype(np.uint8)
     # The object is the largest part, without holes.
     _, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=4)

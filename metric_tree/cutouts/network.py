@@ -58,12 +58,12 @@ class Network:
             raise InputError(f"--model {model}: expected an ONNX network; found {first}") from None
         return cls(session, f"rembg:{path.stem if path.suffix == '.onnx' else model}")
 
-    def foreground(self, picture: RGB) -> Foreground:
+    def foreground(self, image: RGB) -> Foreground:
         """Return the soft mask (h, w) of an image (h, w, 3)."""
         from PIL import Image
 
         with np.errstate(invalid="ignore"):  # a blank image gives 0 / 0, which rembg turns into an empty mask
-            mask = _rembg().remove(Image.fromarray(picture), session=self.session, only_mask=True)
+            mask = _rembg().remove(Image.fromarray(image), session=self.session, only_mask=True)
         return Foreground(np.asarray(mask.convert("L"), np.uint8), self.method)
 
 

@@ -86,12 +86,12 @@ class Background:
 class Plain:
     """Backend for plain backgrounds."""
 
-    def foreground(self, picture: RGB) -> Foreground:
+    def foreground(self, image: RGB) -> Foreground:
         """Return the foreground of an image (h, w, 3); it is refused as `not_plain` if the background is not plain."""
-        lab = cv2.cvtColor(picture.astype(np.float32) / 255.0, cv2.COLOR_RGB2LAB)
+        lab = cv2.cvtColor(image.astype(np.float32) / 255.0, cv2.COLOR_RGB2LAB)
         ground = background(lab)
         if not ground.is_plain:
-            return Foreground(np.zeros(picture.shape[:2], np.uint8), METHOD, "not_plain")
+            return Foreground(np.zeros(image.shape[:2], np.uint8), METHOD, "not_plain")
         ground = with_curved_light(lab, ground)
         mask = difference_mask(np.linalg.norm(lab - ground.lab, axis=2), ground)
         # Shadows are removed, and GrabCut runs, on a small copy.
@@ -102,7 +102,7 @@ class Plain:
         small = cv2.resize(mask.astype(np.float32), size, interpolation=cv2.INTER_AREA) >= 0.5
         settled = small & ~shadow_mask(small_lab, small_ground, ~small)
         if settled.any():
-            settled = grabcut_mask(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), small, settled)
+            settled = grabcut_mask(cv2.resize(image, size, interpolation=cv2.INTER_AREA), small, settled)
         # The edge within a pixel of the small copy is that of the full image.
         if mask.shape != settled.shape:
             kernel, copy = np.ones((3, 3), np.uint8), settled.astype(np.uint8)
@@ -197,12 +197,12 @@ def shadow_mask(lab: Floats, ground: Floats, outside: Mask) -> Mask:
     return np.asarray(connected_with_border(candidates) & ~outside)
 
 
-def grabcut_mask(picture: RGB, mask: Mask, inside: Mask) -> Mask:
+def grabcut_mask(image: RGB, mask: Mask, inside: Mask) -> Mask:
     """Refine the object by GrabCut.
 
     Parameters
     ----------
-    picture : (h, w, 3) ndarray of uint8
+    image : (h, w, 3) ndarray of uint8
         RGB image.
     mask : (h, w) ndarray of bool
         Object with its shadow. Pixels far outside are certain background, the shadow probable background.
@@ -218,7 +218,7 @@ def grabcut_mask(picture: RGB, mask: Mask, inside: Mask) -> Mask:
     if not core.any() or near.all():
         return inside
     models = np.zeros((1, 65)), np.zeros((1, 65))
-    bgr = np.ascontiguousarray(picture[..., ::-1])
+    bgr = np.ascontiguousarray(image[..., ::-1])
     cv2.setRNGSeed(0)
     cv2.grabCut(bgr, state, None, *models, ROUNDS, cv2.GC_INIT_WITH_MASK)
     return np.asarray((state == cv2.GC_FGD) | (state == cv2.GC_PR_FGD))

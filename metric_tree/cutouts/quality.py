@@ -57,7 +57,7 @@ class Assessment:
     reason: str | None  #: Reason to reject the mask (`REASONS`).
 
 
-def assessment(picture: RGB, alpha: NDArray[np.uint8]) -> Assessment:
+def assessment(pixels: RGB, alpha: NDArray[np.uint8]) -> Assessment:
     """Assess the mask alpha (h, w) of an image (h, w, 3).
 
     The quality is the product of the mean contrast along the edge and the fraction of decided opacities.
@@ -73,7 +73,7 @@ def assessment(picture: RGB, alpha: NDArray[np.uint8]) -> Assessment:
         return Assessment(box, fraction, 0.0, "full")
     low, high = UNDECIDED_ALPHA
     n_undecided, n_foreground = int(np.sum((alpha > low) & (alpha < high))), int(np.sum(alpha > low))
-    quality = edge_contrast(picture, mask) * (1.0 - n_undecided / max(1, n_foreground))
+    quality = edge_contrast(pixels, mask) * (1.0 - n_undecided / max(1, n_foreground))
     _, _, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
     areas = np.sort(stats[1:, cv2.CC_STAT_AREA].astype(np.float64))[::-1]
     second = float(areas[1]) / float(areas[0]) if len(areas) > 1 else 0.0
@@ -81,12 +81,12 @@ def assessment(picture: RGB, alpha: NDArray[np.uint8]) -> Assessment:
     return Assessment(box, fraction, round(quality, 4), reason)
 
 
-def edge_contrast(picture: RGB, mask: NDArray[np.bool_]) -> float:
+def edge_contrast(pixels: RGB, mask: NDArray[np.bool_]) -> float:
     """Return the mean contrast along the edge of a mask (h, w) of an image (h, w, 3), 0 to 1.
 
     The contrast is the Lab distance between the mean colours on both sides, divided by `CLEAR_EDGE`, at most 1.
     """
-    lab = cv2.cvtColor(picture.astype(np.float32) / 255.0, cv2.COLOR_RGB2LAB)
+    lab = cv2.cvtColor(pixels.astype(np.float32) / 255.0, cv2.COLOR_RGB2LAB)
     one = mask.astype(np.uint8)
     kernel = np.ones((3, 3), np.uint8)
     inner, outer = cv2.erode(one, kernel, iterations=EDGE_STEP_PX), cv2.dilate(one, kernel, iterations=EDGE_STEP_PX)

@@ -19,7 +19,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from crawler.fetch.item_images import decode_picture
+from crawler.fetch.item_images import decode_image
 from metric_base.errors import InputError
 from metric_base.files import inside, sole_writer
 from metric_tree.cutouts.backend import RGB, Auto, Backend, Settings
@@ -86,35 +86,35 @@ def cut(image_id: str, body: bytes, settings: Settings) -> Cut:
     from metric_tree.cutouts.guided import guided_foreground
     from metric_tree.cutouts.quality import assessment
 
-    image = decode_picture(body)
+    image = decode_image(body)
     if isinstance(image, str):
         return Cut(image_id=image_id, set_aside="unreadable", detail=image)
     try:
-        picture, alpha = upright_pixels(image)
+        pixels, alpha = upright_pixels(image)
     except (OSError, ValueError, SyntaxError) as error:  # invalid orientation tags and colour profiles
         return Cut(image_id=image_id, set_aside="unreadable", detail=str(error)[:80])
     guide = next((one for one in settings.drawn if one.picture == image_id), None)
     if guide is not None:
-        foreground = guided_foreground(picture, guide)
+        foreground = guided_foreground(pixels, guide)
     elif alpha is not None:
         foreground = Foreground(alpha, "alpha")
     else:
-        foreground = backend(settings).foreground(picture)
-    assessed = assessment(picture, foreground.alpha)
+        foreground = backend(settings).foreground(pixels)
+    assessed = assessment(pixels, foreground.alpha)
     reason = foreground.refused or assessed.reason
     if guide is not None and reason == "doubtful":  # the reviewer accepted an edge without contrast
         reason = None
     row = Cut(
         image_id=image_id,
         method=foreground.method,
-        cut_width_px=picture.shape[1],
-        cut_height_px=picture.shape[0],
+        cut_width_px=pixels.shape[1],
+        cut_height_px=pixels.shape[0],
         set_aside=reason,
     )
     if foreground.refused:
         return row
     row = replace(row, box_px=assessed.box, foreground_share=assessed.share, quality=assessed.quality)
-    return row if reason else replace(row, png=cropped_png(np.dstack([picture, foreground.alpha]), assessed.box))
+    return row if reason else replace(row, png=cropped_png(np.dstack([pixels, foreground.alpha]), assessed.box))
 
 
 def upright_pixels(image: Any) -> tuple[RGB, Any | None]:
@@ -130,8 +130,8 @@ def upright_pixels(image: Any) -> tuple[RGB, Any | None]:
     rgba = upright.convert("RGBA")
     alpha = np.asarray(rgba.getchannel("A"))
     white = Image.new("RGBA", rgba.size, (255, 255, 255, 255))
-    picture = np.asarray(Image.alpha_composite(white, rgba).convert("RGB"))
-    return picture, alpha if (alpha < 128).mean() >= MIN_CLEAR_FRACTION else None
+    pixels = np.asarray(Image.alpha_composite(white, rgba).convert("RGB"))
+    return pixels, alpha if (alpha < 128).mean() >= MIN_CLEAR_FRACTION else None
 
 
 def cropped_png(rgba: Any, box: tuple[int, int, int, int]) -> bytes:

@@ -39,7 +39,7 @@ from metric_tree.fit.rows import KIND_WEIGHT
 from metric_tree.pipeline.build_report import build_report
 from metric_tree.pipeline.clean import NodeClass, class_priors, clean_shard
 from metric_tree.pipeline.companion_files import (
-    add_pictures,
+    add_images,
     height_records,
     state_records,
     write_log,
@@ -356,7 +356,7 @@ def publish(
     extras = run.work.directory / "extras"
     extras.mkdir(exist_ok=True)
     if run.options.pictures:
-        add_pictures(raw, tables, report, extras)
+        add_images(raw, tables, report, extras)
     manifest = {**manifest, "basis": basis(manifest)}
     write_texts(extras, tables, manifest, former=run.taxonomy is shipped_taxonomy)
     write_log(log, run.work.directory, report)  # first, because a run that finds a release stops before the log

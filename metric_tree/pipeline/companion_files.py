@@ -138,7 +138,7 @@ def write_texts(folder: Path, tables: Mapping[str, pa.Table], manifest: Mapping[
         pq.write_table(table, folder / "successors.parquet", compression="zstd")
 
 
-def add_pictures(raw: Sequence[Path], tables: dict[str, pa.Table], report: dict[str, Any], folder: Path) -> None:
+def add_images(raw: Sequence[Path], tables: dict[str, pa.Table], report: dict[str, Any], folder: Path) -> None:
     """Add the images next to the raw items to the tables, the report and a folder."""
     folders = (path.parent if is_remote(path) and path.suffix in (".jsonl", ".gz") else path for path in raw)
     files = image_record_files(fetched(path, "/pictures") for path in folders)

@@ -16,7 +16,7 @@ from pathlib import Path
 from textwrap import wrap
 from typing import Any
 
-from crawler.fetch.item_images import decode_picture
+from crawler.fetch.item_images import decode_image
 from metric_base.errors import InputError
 from metric_base.files import output_file, whole_file
 from metric_tree.node import Node
@@ -84,7 +84,7 @@ def tiles(release: Path, rows: Sequence[Mapping[str, Any]]) -> list[Tile]:
     for row in rows:
         cut = image_path(release, row, "cutout_path")
         path = cut or image_path(release, row)
-        if path is not None and (cut or not isinstance(decode_picture(path.read_bytes()), str)):
+        if path is not None and (cut or not isinstance(decode_image(path.read_bytes()), str)):
             sizes = " × ".join(f"{side:.0f}" for side in row["extents_mm"])
             credit = row["attribution"] or f"{row['source']} ({row['licence'] or 'no licence stated'})"
             scale = row["pixels_per_metre"] / 1000 if cut and row["pixels_per_metre"] else None

@@ -10,7 +10,7 @@ import numpy as np
 
 from metric_base.arrays import BoolArray, IntArray
 from metric_base.errors import InputError
-from metric_base.images import read_picture
+from metric_base.images import read_image
 
 
 class BadAnnotations(InputError):
@@ -58,12 +58,12 @@ def coded_image(path: Path, size: tuple[int, int] | None = None) -> IntArray:
     """
     import cv2
 
-    pixels = read_picture(path, cv2.IMREAD_UNCHANGED)
+    pixels = read_image(path, cv2.IMREAD_UNCHANGED)
     if pixels is None or pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.dtype != np.uint8:
-        actual = "no picture" if pixels is None else f"shape {pixels.shape}, {pixels.dtype}"
-        raise BadAnnotations.at(path, "picture", "three channels of 8 bits", actual)
+        actual = "no image" if pixels is None else f"shape {pixels.shape}, {pixels.dtype}"
+        raise BadAnnotations.at(path, "image", "three channels of 8 bits", actual)
     if size is not None and pixels.shape[:2] != size:
-        raise BadAnnotations.at(path, "size", f"{size} (height, width), as the picture's", f"{pixels.shape[:2]}")
+        raise BadAnnotations.at(path, "size", f"{size} (height, width), as the image's", f"{pixels.shape[:2]}")
     return np.asarray(pixels[:, :, ::-1], dtype=np.int64)
 
 

@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from metric_base.images import read_picture
+from metric_base.images import read_image
 from metric_tree.axes import AXES
 from metric_tree.node import Node
 from metric_tree.release.images import image_path
@@ -256,9 +256,9 @@ def cutout_pixels(cutout: Cutout) -> tuple[Image, int]:
 @lru_cache(maxsize=MAX_CACHED_CUTOUTS)
 def _tight_pixels(file: Path) -> Image:
     """Read the pixels (h, w, 4) in the tight box of a cut-out; its longest side is at most `CACHED_SIDE_PX`."""
-    pixels = read_picture(file, cv2.IMREAD_UNCHANGED)
+    pixels = read_image(file, cv2.IMREAD_UNCHANGED)
     if pixels is None or pixels.ndim != 3 or pixels.shape[2] != 4 or pixels.dtype != np.uint8:
-        raise BadAnnotations.at(file, "cut-out", "an RGBA picture of 8 bits", "something else")
+        raise BadAnnotations.at(file, "cut-out", "an RGBA image of 8 bits", "something else")
     rows, columns = (np.flatnonzero((pixels[:, :, 3] >= MIN_OPAQUE_ALPHA).any(axis=axis)) for axis in (1, 0))
     if not len(rows):
         raise BadAnnotations.at(file, "cut-out", "an opaque pixel", "none")

@@ -18,7 +18,7 @@ from metric_base.arrays import grouped
 from metric_base.errors import InputError
 from metric_base.executors import executor_of
 from metric_base.files import whole_folder
-from metric_base.images import checked_picture, write_picture
+from metric_base.images import checked_image, write_image
 from metric_tree.training.annotations import AnnotatedImage, AnnotatedObject, run_lengths
 from metric_tree.training.classes import Classes
 from metric_tree.training.composition import Cutout, Image, compose, random_background
@@ -100,7 +100,7 @@ def export_dataset(
     with whole_folder(out) as work:
         entries = list(progress(synthetic_entries(work, cutouts, plan), plan.pictures if cutouts else 0)) + matched
         if not entries:
-            raise InputError("export: expected cut-outs, or pictures with objects of the categories; found none")
+            raise InputError("export: expected cut-outs, or images with objects of the categories; found none")
         (work / "annotations").mkdir(exist_ok=True)
         for split in SPLITS:
             document = coco_document([entry for entry in entries if entry[0] == split], classes, plan.seed, split)
@@ -168,7 +168,7 @@ def synthetic_entry(
         background = random_background((height, width), generator)
     composition = compose(cutouts[split], background, generator)
     name = f"{split}/{number:08d}.jpg"
-    write_picture(work / "images" / name, composition.image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    write_image(work / "images" / name, composition.image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
     annotations = []
     for index, layer in enumerate(composition.layers):
         mask = composition.labels == index
@@ -187,7 +187,7 @@ def synthetic_entry(
 def random_window(files: Sequence[Path], size: tuple[int, int], generator: np.random.Generator) -> Image:
     """Return a random part of a random image, resized to the given (height, width)."""
     file = files[int(generator.integers(len(files)))]
-    pixels = checked_picture(file, cv2.IMREAD_COLOR)
+    pixels = checked_image(file, cv2.IMREAD_COLOR)
     height, width = size
     factor = generator.uniform(0.6, 1.0) * min(pixels.shape[0] / height, pixels.shape[1] / width)
     h, w = max(int(height * factor), 1), max(int(width * factor), 1)
@@ -231,5 +231,5 @@ def background_files(folder: Path) -> tuple[Path, ...]:
     """
     files = tuple(path for path in sorted(folder.rglob("*")) if path.suffix.lower() in _SUFFIXES)
     if not files:
-        raise InputError(f"{folder}: expected pictures to paste on; found none")
+        raise InputError(f"{folder}: expected images to paste on; found none")
     return files

@@ -14,7 +14,7 @@ from pathlib import Path
 import cv2
 
 from metric_base.arrays import grouped
-from metric_base.images import checked_picture, image_size
+from metric_base.images import checked_image, image_size
 from metric_base.parsing import table_rows
 from metric_tree.training.annotations import AnnotatedImage, AnnotatedObject, BadAnnotations, run_lengths
 
@@ -54,7 +54,7 @@ def open_images_images(folder: Path) -> Iterator[AnnotatedImage]:
         for mask_name, label in masks[image_id]:
             if label not in names or mask_name not in files:
                 continue
-            mask = checked_picture(files[mask_name], cv2.IMREAD_GRAYSCALE)
+            mask = checked_image(files[mask_name], cv2.IMREAD_GRAYSCALE)
             if mask.shape != (height, width):
                 mask = cv2.resize(mask, (width, height), interpolation=cv2.INTER_NEAREST)
             if mask.any():

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Gf, Sdf, UsdGeom, UsdShade, Vt
 
-from metric_base.images import write_picture
+from metric_base.images import write_image
 from models3d.model import Material, Mesh
 
 #: Folder of the textures, next to the stage.
@@ -109,7 +109,7 @@ class _Images:
     ) -> Any:
         """Write a texture (h, w, 4) and return a shader that samples it and computes `scale * pixel + bias`."""
         file = f"{TEXTURES}/{self._name}_{use}.png"
-        write_picture(self._folder / file, pixels[..., [2, 1, 0, 3]])
+        write_image(self._folder / file, pixels[..., [2, 1, 0, 3]])
         image = UsdShade.Shader.Define(self._stage, f"{self._path}/{use}")
         image.CreateIdAttr("UsdUVTexture")
         image.CreateInput("file", Sdf.ValueTypeNames.Asset).Set(file)

@@ -22,7 +22,7 @@ from estimator.reconstructions.scene_reader import read_scene
 from estimator.records.scene import Scene
 from estimator.scene_formats.depth_files import read_depth
 from insertion.scene.scale import read_scale
-from metric_base.images import read_picture
+from metric_base.images import read_image
 from models3d.gltf.model_reader import read_model
 from models3d.model import Mesh
 from tests.fuzz.reader import Reader
@@ -80,7 +80,7 @@ def _depth(file: Path, _seeds: Path) -> None:
 
 def _image(file: Path, _seeds: Path) -> None:
     for flags in (cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION, cv2.IMREAD_UNCHANGED):
-        pixels = read_picture(file, flags)
+        pixels = read_image(file, flags)
         assert pixels is None or pixels.size, "empty image"
 
 

@@ -112,4 +112,4 @@ def test_an_image_has_at_most_a_gibibyte(size: int, is_read: bool, tmp_path: Pat
     with path.open("ab") as file:
         file.truncate(size)
     with nullcontext() if is_read else pytest.raises(InputError, match="an image that OpenCV reads"):
-        assert images.checked_picture(path, cv2.IMREAD_GRAYSCALE).shape == (4, 6)
+        assert images.checked_image(path, cv2.IMREAD_GRAYSCALE).shape == (4, 6)

@@ -17,7 +17,7 @@ from PIL import Image
 
 from estimator.evidence.markers import refined_marker_corners
 from metric_base.errors import InputError
-from metric_base.images import ImageHeader, checked_picture, decode_picture, image_header, image_size, read_picture
+from metric_base.images import ImageHeader, checked_image, decode_image, image_header, image_size, read_image
 
 
 def bomb(width: int, height: int) -> bytes:
@@ -33,23 +33,23 @@ def bomb(width: int, height: int) -> bytes:
 
 @pytest.mark.parametrize("data", [b"", b"GIF89a", b"\xff\xd8\xff\xe0", bomb(60_000, 60_000), bomb(0, 5)])
 def test_what_is_no_picture_is_none(data: bytes, tmp_path: Path) -> None:
-    assert decode_picture(data, cv2.IMREAD_COLOR) is None
+    assert decode_image(data, cv2.IMREAD_COLOR) is None
     (tmp_path / "a.png").write_bytes(data)
-    assert read_picture(tmp_path / "a.png", cv2.IMREAD_COLOR) is None
+    assert read_image(tmp_path / "a.png", cv2.IMREAD_COLOR) is None
 
 
 def test_what_is_no_file_is_none(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     for name in ("pipe", "nothing", "."):
-        assert read_picture(tmp_path / name, cv2.IMREAD_COLOR) is None
-    assert read_picture(Path("/dev/zero"), cv2.IMREAD_COLOR) is None
+        assert read_image(tmp_path / name, cv2.IMREAD_COLOR) is None
+    assert read_image(Path("/dev/zero"), cv2.IMREAD_COLOR) is None
 
 
 def test_a_picture_is_what_opencv_reads(tmp_path: Path) -> None:
     pixels = np.arange(60, dtype=np.uint8).reshape(4, 5, 3)
     file = tmp_path / "a.png"
     file.write_bytes(cv2.imencode(".png", pixels)[1].tobytes())
-    read = read_picture(file, cv2.IMREAD_COLOR)
+    read = read_image(file, cv2.IMREAD_COLOR)
     assert read is not None
     np.testing.assert_array_equal(read, pixels)
 
@@ -60,7 +60,7 @@ def test_a_damaged_picture_never_raises(data: st.DataObject) -> None:
     whole = bytearray(cv2.imencode(".png", np.full((6, 7, 3), 9, dtype=np.uint8))[1].tobytes())
     for place, value in data.draw(st.lists(st.tuples(st.integers(0, len(whole) - 1), st.integers(0, 255)), max_size=5)):
         whole[place] = value
-    decoded = decode_picture(bytes(whole), cv2.IMREAD_COLOR)
+    decoded = decode_image(bytes(whole), cv2.IMREAD_COLOR)
     assert decoded is None or decoded.ndim == 3
 
 
@@ -72,13 +72,13 @@ def test_a_damaged_tiff_has_markers_or_none(compression: str | None) -> None:
     buffer, generator = io.BytesIO(), np.random.default_rng(0)
     Image.fromarray(pixels).save(buffer, "TIFF", compression=compression)
     whole = buffer.getvalue()
-    image = decode_picture(whole, cv2.IMREAD_GRAYSCALE)
+    image = decode_image(whole, cv2.IMREAD_GRAYSCALE)
     assert [marker for marker, _ in refined_marker_corners(image, dictionary)] == [3]
     for _ in range(100):
         data = np.frombuffer(whole, dtype=np.uint8).copy()
         places = np.concatenate([generator.integers(0, 200, 2), len(data) - generator.integers(1, 300, 2)])
         data[places % len(data)] = generator.integers(0, 256, 4)
-        decoded = decode_picture(data, cv2.IMREAD_GRAYSCALE)
+        decoded = decode_image(data, cv2.IMREAD_GRAYSCALE)
         if decoded is not None:
             assert len(refined_marker_corners(decoded, dictionary)) <= 1
 
@@ -103,7 +103,7 @@ def test_the_size_of_what_is_no_image_is_an_error(tmp_path: Path) -> None:
     Image.new("L", (3, 4)).save(tmp_path / "a.png")
     assert image_size(tmp_path / "a.png") == (3, 4)
     (tmp_path / "b.png").write_bytes(b"x")
-    for read in (image_size, lambda path: checked_picture(path, cv2.IMREAD_COLOR)):
+    for read in (image_size, lambda path: checked_image(path, cv2.IMREAD_COLOR)):
         with pytest.raises(InputError, match=r"b\.png: image: expected an image .*, found something else"):
             read(tmp_path / "b.png")
 

@@ -73,7 +73,7 @@ def test_free_positions_are_the_output_if_there_is_no_other(
     if as_json and not has_out:
         record = json.loads(captured.out)
         assert record["schema"] == "metric-tree/places/1"
-        assert [place["in_picture"] for place in record["places"]] == [True, False]
+        assert [place["in_image"] for place in record["places"]] == [True, False]
         return
     assert lines == [
         "0: --plane 1 --xy 0.500,-0.250   0.75 m above the lowest plane",

@@ -12,7 +12,7 @@ ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("crawler", "taxonomy", "metric_tree", "metric_base", "models3d", "estimator", "capture", "insertion")
 
 #: Annotations of arrays.
-ARRAY = re.compile(r"\b(NDArray|Arrays|ndarray|(Float|Int|Bool)Array|FloatPicture|GreyPicture|Linear|Grey|RGB)\b")
+ARRAY = re.compile(r"\b(NDArray|Arrays|ndarray|(Float|Int|Bool)Array|FloatImage|GreyPicture|Linear|Grey|RGB)\b")
 #: One side of a shape: `n`, `3`, `H'`, `...`, `pieces + 1`, `3 or 4`, `PARAMETERS`.
 _SIDE = r"(\.\.\.|[A-Za-z]'?|\d+( or \d+)?|[A-Z]{2,}|(\d )?\(?\w+ [+-] \d+\)?|\d \w|\d?[a-z])"
 #: `(n, 3)`, `(h, w)`, `(3,)`, `(k, 3, 3)`; or words for arbitrary shapes.

@@ -145,7 +145,7 @@ PAGE = b"<!doctype html><html><body><h1>Stool</h1><p>Width: 40 cm</p></body></ht
     [
         (None, "no file"),
         (b"", "nothing"),
-        (b"\xff\xd8\xff\xe0\x00\x10JFIF<p >", "a JPEG picture"),
+        (b"\xff\xd8\xff\xe0\x00\x10JFIF<p >", "a JPEG image"),
         (b"\x00\x01<p >", "binary data"),
         (b'{"html": "<p>1</p>"}', "JSON"),
         (b"1 < 2, and no more", "no element of HTML"),

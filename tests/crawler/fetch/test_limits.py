@@ -199,4 +199,4 @@ def test_an_image_has_at_most_20_megabytes(size: int, refusal: str) -> None:
         def __len__(self) -> int:
             return size
 
-    assert item_images.decode_picture(Long(b"no picture")) == refusal
+    assert item_images.decode_image(Long(b"no picture")) == refusal

@@ -69,7 +69,7 @@ def test_a_hostile_file_costs_one_picture(tmp_path: Path, body: bytes, reason: s
 
 
 @pytest.mark.parametrize(
-    ("name", "url", "picture_url", "stored"),
+    ("name", "url", "image_url", "stored"),
     [
         ("amazon", "https://www.amazon.de/dp/B0ABCDEF01", "https://m.media-amazon.com/images/I/1.jpg", False),
         ("ikea", "https://www.ikea.com/gb/en/p/made-00123456/", "https://www.ikea.com/x.jpg", False),
@@ -84,14 +84,14 @@ def test_a_hostile_file_costs_one_picture(tmp_path: Path, body: bytes, reason: s
     ],
 )
 def test_the_link_alone_is_kept_where_terms_allow_no_more(
-    tmp_path: Path, name: str, url: str, picture_url: str, stored: bool
+    tmp_path: Path, name: str, url: str, image_url: str, stored: bool
 ) -> None:
-    body = f"""<html><body><h1>Made</h1><img id="landingImage" src="{picture_url}"><table class="infobox"><tr>
-    <td>Dimensions</td><td>1 x 2 x 3 m <img src="{picture_url}"></td></tr></table></body></html>"""
-    head = f'<meta property="og:image" content="{picture_url}">'
+    body = f"""<html><body><h1>Made</h1><img id="landingImage" src="{image_url}"><table class="infobox"><tr>
+    <td>Dimensions</td><td>1 x 2 x 3 m <img src="{image_url}"></td></tr></table></body></html>"""
+    head = f'<meta property="og:image" content="{image_url}">'
     response = HtmlResponse(url, body=(head + body).encode(), request=Request(url))
     found = list(spider_class(name)(start=[url], pictures=tmp_path).parse(response))
     (item,) = (part for part in found if isinstance(part, RawItem))
-    assert item.images == (picture_url,)
-    assert [part.url for part in found if isinstance(part, Request)] == ([picture_url] if stored else [])
+    assert item.images == (image_url,)
+    assert [part.url for part in found if isinstance(part, Request)] == ([image_url] if stored else [])
     assert found.count("picture_link_only") == (0 if stored else 1)

@@ -228,7 +228,7 @@ def test_pictures_all_over_the_scene_are_asked_for_gps(walk: Walk, monkeypatch: 
     asked = []
     monkeypatch.setattr(gps, "exif_positions", lambda scene, _: asked.extend(scene.views) or ({}, 0.0))
     views = tuple(replace(walk.scene.views[0], name=str(number)) for number in range(40))
-    assert not gps.pictures_have_gps(replace(walk.scene, views=views), None)
+    assert not gps.images_have_gps(replace(walk.scene, views=views), None)
     assert [int(view.name) for view in asked] == [0, 8, 16, 24, 32]
 
 

@@ -14,7 +14,7 @@ from estimator.outputs.rescaled import write_rescaled
 from estimator.reconstructions.scene_reader import read_scene
 from metric_base.errors import InputError
 from metric_base.files import set_rules, whole_file, whole_folder
-from metric_base.images import write_picture
+from metric_base.images import write_image
 from metric_cli.estimate_scale.estimate import main
 from tests.synthetic.small_scene import write_small_scene
 
@@ -53,7 +53,7 @@ def test_pictures_of_an_overlay(small_disk: Path) -> None:
         pytest.raises(InputError, match="--overlay: expected a place that can be written, found No space left"),
         whole_folder(small_disk / "overlay", "--overlay") as folder,
     ):
-        write_picture(folder / "a" / "b.png", noise)
+        write_image(folder / "a" / "b.png", noise)
     assert list(small_disk.iterdir()) == []
 
 

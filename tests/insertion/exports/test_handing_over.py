@@ -34,7 +34,7 @@ from insertion.render.layers import ObjectLayers
 from insertion.render.renderer import ObjectImage
 from insertion.scene.camera_rays import Window, camera_rays, surface_normals
 from insertion.scene.pixel_box import PixelBox
-from metric_base.images import read_picture
+from metric_base.images import read_image
 from tests.insertion.composite.test_received import _view
 
 # Published values, written out so that a changed rule fails a test.
@@ -155,19 +155,19 @@ def test_depth_is_in_millimetres_of_sixteen_bits(tmp_path: Path) -> None:
     writer = LayerWriter(tmp_path, [shot], 0.5)
     writer.plate(shot, np.full((8, 10, 3), (10, 20, 30), np.uint8))
     writer.layers(shot, 2, _joined(PixelBox(2, 1, 6, 5), 3.0, 0.5))
-    depth, mask = (read_picture(tmp_path / name / "0_3.png", -1) for name in ("depth", "mask"))
+    depth, mask = (read_image(tmp_path / name / "0_3.png", -1) for name in ("depth", "mask"))
     assert depth is not None
     assert mask is not None
     assert (depth.dtype, int(depth[2, 3]), int(depth[0, 0]), int(mask[2, 3])) == (np.uint16, 1500, 0, 64)
     writer.layers(shot, 3, _joined(PixelBox(2, 1, 6, 5), 131.08, 0.0))
-    far = read_picture(tmp_path / "depth" / "0_4.png", -1)
+    far = read_image(tmp_path / "depth" / "0_4.png", -1)
     assert far is not None
     assert not far.any()
     writer.layers(shot, 4, _joined(PixelBox(2, 1, 6, 5), 131.07, 0.0))
-    farthest = read_picture(tmp_path / "depth" / "0_5.png", -1)
+    farthest = read_image(tmp_path / "depth" / "0_5.png", -1)
     assert farthest is not None
     assert farthest.max() == 65_535
-    plain = read_picture(tmp_path / "pictures" / "0.png", -1)
+    plain = read_image(tmp_path / "pictures" / "0.png", -1)
     assert plain is not None
     assert plain[0, 0].tolist() == [30, 20, 10]
 

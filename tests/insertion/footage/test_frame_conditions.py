@@ -82,6 +82,7 @@ def test_images_of_a_scene_have_the_size_of_their_camera(tmp_path: Path) -> None
     with pytest.raises(InputError, match=r"b.png: size: expected 12 x 8, as its camera; found 13 x 8"):
         images.image(0)
     (folder / "a.png").write_bytes(b"no image")
+    images = SceneImages(found, folder)  # another one, because decoded images are kept
     with pytest.raises(InputError, match=r"a.png: not an image"):
         images.image(1)
 
@@ -274,7 +275,7 @@ def test_depth_images_have_at_most_65535_mm(depth_mm: float, stored: int, tmp_pa
     writer.layers(
         frame, 0, ObjectComposite(ObjectLayers(PixelBox(0, 0, 12, 8), image, colours, ones), 0 * ones, colours)
     )
-    found = cv2.imread(str(tmp_path / "depth" / "a_0.png"), cv2.IMREAD_UNCHANGED)
+    found = cv2.imread(str(tmp_path / "depth" / "a_1.png"), cv2.IMREAD_UNCHANGED)
     assert found is not None
     assert found.dtype == np.uint16
     assert found[4, 6] == stored

@@ -79,7 +79,7 @@ def test_decoded_images_are_kept_up_to_a_size(images: int, reads: int, monkeypat
     size = decoded.image(0).nbytes
     monkeypatch.setattr(footage, "MAX_DECODED_BYTES", (images + 1) * size - 1 if images < 2 else 2 * size)
     fresh, files = SceneImages(decoded.scene), []
-    read = footage.read_picture
-    monkeypatch.setattr(footage, "read_picture", lambda file, how: files.append(file) or read(file, how))
+    read = footage.read_image
+    monkeypatch.setattr(footage, "read_image", lambda file, how: files.append(file) or read(file, how))
     assert [fresh.image(row).nbytes for row in (0, 0, 1, 1)] == [size] * 4
     assert len(files) == reads

@@ -114,7 +114,7 @@ def test_a_preview_needs_a_free_position(tmp_path: Path) -> None:
         write_preview(scene, images, 5.0, 300.0, tmp_path / "a.png")
     assert not (tmp_path / "a.png").exists()
     positions = write_preview(scene, images, 0.1, 0.4, tmp_path / "a.png")
-    assert all(one.in_picture for one in positions)
+    assert all(one.in_image for one in positions)
     assert cv2.imread(str(tmp_path / "a.png")).any()
 
 
@@ -154,7 +154,7 @@ def test_a_prior_of_a_size_has_an_axis() -> None:
 
     def tree_of(*dims: str) -> Tree:
         prior = SimpleNamespace(quantile=lambda _: np.array([500.0]))
-        node = SimpleNamespace(node_id="a.n.01", dims=dims, prior=lambda _: prior)
+        node = SimpleNamespace(node_id="a.n.01", dims=dims, prior=lambda _: prior, outer=lambda one: one)
         return cast(Tree, SimpleNamespace(find=lambda *_: node))
 
     model = cast(Model, SimpleNamespace(name="a", size_m={"length": 1.0, "width": 2.0, "height": 4.0}))

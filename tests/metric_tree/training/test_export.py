@@ -242,7 +242,7 @@ def test_a_cut_out_without_an_opaque_pixel_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cut-out: expected an opaque pixel; found none"):
         cutout_pixels(Cutout("1", "chair.n.01", 1, tmp_path / "a.png", None, "height", (900.0,)))
     cv2.imwrite(str(tmp_path / "b.png"), np.full((9, 9, 3), 127, dtype=np.uint8))
-    with pytest.raises(InputError, match="cut-out: expected an RGBA picture of 8 bits"):
+    with pytest.raises(InputError, match="cut-out: expected an RGBA image of 8 bits"):
         cutout_pixels(Cutout("1", "chair.n.01", 1, tmp_path / "b.png", None, "height", (900.0,)))
 
 

@@ -182,7 +182,7 @@ def test_an_object_of_open_images_needs_a_name_a_mask_and_a_pixel(tmp_path: Path
 @pytest.mark.parametrize(
     ("pixels", "message"),
     [
-        (None, "picture: expected three channels of 8 bits; found no picture"),
+        (None, "image: expected three channels of 8 bits; found no image"),
         (np.zeros((4, 5), np.uint8), "found shape \\(4, 5\\)"),
         (np.zeros((4, 5, 4), np.uint8), "found shape \\(4, 5, 4\\)"),
         (np.zeros((4, 5, 3), np.uint16), "found shape .* uint16"),

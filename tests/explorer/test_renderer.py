@@ -74,7 +74,7 @@ def test_text_of_a_source_is_escaped(trees: list[Tree]) -> None:
 def test_a_page_says_which_height_is_meant() -> None:
     tree = metric_tree.open()
     said = sentence(ReleaseCatalogue([tree]), tree.find("bathtub"))
-    assert said.startswith("Objects of the category bath and pool are about 57 cm high")
+    assert said.startswith("Objects of the category bath and pool are about 53 cm high")
     assert said.endswith("Height: rim to floor, outside.")
 
 

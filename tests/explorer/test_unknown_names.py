@@ -174,12 +174,12 @@ def test_links_of_a_node_are_its_codes_or_a_search(
     catalogue: ReleaseCatalogue, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     node = catalogue.nodes[NODE]
-    monkeypatch.setattr(ReleaseCatalogue, "codes", {NODE: ["n04373704", "/m/0x"]})
+    monkeypatch.setitem(vars(catalogue), "codes", {NODE: ["n04373704", "/m/0x"]})
     assert outside_links(catalogue, node) == {
         "WordNet": "http://wordnet-rdf.princeton.edu/pwn30/04373704-n",
         "Wikidata": "https://www.wikidata.org/w/index.php?search=haswbstatement:P646=/m/0x",
     }
-    monkeypatch.setattr(ReleaseCatalogue, "codes", {})
+    monkeypatch.setitem(vars(catalogue), "codes", {})
     assert outside_links(catalogue, node) == {
         "WordNet": "https://en-word.net/lemma/swivel%20chair",
         "Wikidata": "https://www.wikidata.org/w/index.php?search=swivel%20chair",

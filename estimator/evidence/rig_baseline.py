@@ -21,6 +21,8 @@ from metric_base.statistics import robust_sigma
 #: Minimum standard deviation of the log scale: a baseline is accurate to about a millimetre, in the
 #: reconstruction as well.
 MIN_LOG_SD = 0.005
+#: Minimum distance of two cameras, relative to the largest coordinate; smaller ones are rounding errors.
+MIN_RELATIVE_DISTANCE = 1e-12
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +52,7 @@ class RigBaseline:
         if not len(distances):
             return skipped_evidence("baseline", name, "the two cameras have no simultaneous images")
         median = float(np.median(distances))
-        if not median > 0:
+        if not median > MIN_RELATIVE_DISTANCE * max(np.abs(view.centre).max() for view in scene.views):
             return skipped_evidence("baseline", name, "both cameras are at one place")
         median_sd = robust_sigma(distances) / median / math.sqrt(len(distances))
         return (ScaleEvidence("baseline", name, self.metres / median, math.hypot(median_sd, MIN_LOG_SD)),)

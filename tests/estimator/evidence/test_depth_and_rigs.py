@@ -333,10 +333,21 @@ def test_a_file_of_a_view_has_one_map(walk: Walk, nothing: Measurements, tmp_pat
         MetricDepth(tmp_path).observe(walk.scene, nothing)
 
 
-def test_the_cameras_of_a_rig_are_at_two_places(walk: Walk, nothing: Measurements) -> None:
-    views = tuple(replace(walk.scene.views[0], name=f"{folder}/a.png") for folder in ("left", "right"))
+ONE_PLACE = "both cameras are at one place"
+
+
+@pytest.mark.parametrize(("distance", "reason"), [(0, ONE_PLACE), (1e-13, ONE_PLACE), (1e-11, None)])
+def test_the_cameras_of_a_rig_are_at_two_places(
+    walk: Walk, nothing: Measurements, distance: float, reason: str | None
+) -> None:
+    """The largest coordinate is 1; a distance of less than 1e-12 is a rounding error."""
+    view = replace(walk.scene.views[0], rotation=np.eye(3))
+    views = tuple(
+        replace(view, name=f"{folder}/a.png", translation=-np.array([1.0, 0.2, 0.3 + apart]))
+        for folder, apart in (("left", 0.0), ("right", distance))
+    )
     row = one(RigBaseline("left", "right", RIG_M).observe(replace(walk.scene, views=views), nothing))
-    assert (row.scale, row.reason) == (None, "both cameras are at one place")
+    assert (row.scale is None, row.reason) == (reason is not None, reason)
 
 
 @pytest.mark.parametrize(

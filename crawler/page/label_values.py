@@ -66,6 +66,8 @@ _COMPOSED = re.compile(r"[x×X*:]")
 #: Number of ancestors that are searched for the list of a line.
 MAX_ENTRY_LEVELS = 3
 _LABEL_TAGS = frozenset({"b", "strong", "span", "em"})
+#: Maximum number of characters of a text; longer ones are articles, which have no values but take time (1 s for 3 MB).
+MAX_TEXT = 2000
 #: Texts that are not blank; a regular expression finds those with a digit faster than `translate` of XPath.
 _TEXTS = XPath("/html/body//text()[normalize-space()]")
 HAS_DIGIT = re.compile("[0-9¼½¾⅓-⅞]")
@@ -99,7 +101,7 @@ def label_values(page: Page) -> Iterator[LabelValue]:
     reader = _PairReader(page.root)
     seen: set[tuple[str, str, str]] = set()
     for text in _TEXTS(page.root):
-        if not HAS_DIGIT.search(text):
+        if not HAS_DIGIT.search(text) or len(text) >= MAX_TEXT:
             continue
         element = text.getparent() if text.is_text else text.getparent().getparent()
         if element is None or reader.regions.is_elsewhere(element):

@@ -33,6 +33,8 @@ EXR_TYPES = (np.dtype("<u4"), np.dtype("<f2"), np.dtype("<f4"))
 EXR_BLOCK_LINES = {0: 1, 2: 1, 3: 16}
 #: Names of the depth channel, best first; a grey image with colour channels has the same values in each.
 EXR_DEPTH_CHANNELS = ("Z", "Y", "depth", "R")
+#: Maximum size of the header of a PFM file in bytes: its kind, width, height and scale factor.
+MAX_PFM_HEADER = 200
 #: Maximum size of an EXR file in bytes.
 MAX_EXR_BYTES = 2**30
 #: Maximum number of pixels of the maps in a file.
@@ -210,7 +212,12 @@ def read_depths(file: Path, png_metres: float = 0.001) -> DepthMaps:
             expected = "a PFM of one channel" if is_pfm else "a PNG of 16 bits"
             actual = "no image" if values is None else f"{values.dtype} of shape {values.shape}"
             raise InputError.at(file, "image", expected, Unquoted(actual))
-        depth = values.astype(float) if is_pfm else np.where(values > 0, values.astype(float), np.nan) * png_metres
+        if is_pfm:  # OpenCV divides by the scale factor of the header (Middlebury: 1/255), which is no unit
+            with file.open("rb") as stream:
+                factor = abs(float(stream.read(MAX_PFM_HEADER).split(maxsplit=4)[3]))
+            depth = values.astype(float) * factor
+        else:
+            depth = np.where(values > 0, values.astype(float), np.nan) * png_metres
     return DepthMaps(map_stack(file, depth), focal, network, relative_error)
 
 

@@ -21,25 +21,25 @@ _Item = TypeVar("_Item")
 MAX_ITEMS_PER_PROCESS = 100
 #: Time for a process to remove its temporary files after SIGTERM in seconds; then it is killed.
 TERMINATION_S = 5.0
-#: How long a Dask scheduler may take to answer, in seconds.
+#: Maximum time for the response of a Dask scheduler, in seconds.
 SCHEDULER_TIMEOUT = 10
 
 
 class _Pool(ProcessPoolExecutor):
-    """Processes that leave an interrupt to their parent, which ends them.
+    """Processes that ignore an interrupt, because their parent ends them.
 
-    The mask is inherited from before their first line: an initializer would come after seconds of imports.
+    They inherit the signal mask at their start; an initializer would run after seconds of imports.
     """
 
     def submit(self, fn: Callable[..., _R], /, *args: Any, **kwargs: Any) -> Future[_R]:
-        """As of the base; a worker that it starts has the interrupt blocked."""
+        """Submit a call as the base class does; a worker that this starts has the interrupt blocked."""
         with interrupts_blocked():
             return super().submit(fn, *args, **kwargs)
 
 
 @contextmanager
 def executor_of(workers: int, scheduler: str | None) -> Iterator[Executor | None]:
-    """Where the steps of a build run: a Dask scheduler, processes, or None for this process."""
+    """Provide the executor of the steps of a build: that of a Dask scheduler, processes, or None for this process."""
     if scheduler is not None:
         from distributed import Client
 

@@ -1,7 +1,7 @@
 """Files and folders that appear whole or not at all, safe file names, locks, and protection against overwriting.
 
-A file that one process at a time holds is released by the system when the process ends, also if it is killed. An
-existing file is replaced only with `--overwrite`, and an input of the run never.
+The system releases a lock when its process ends, also if it is killed. An existing file is replaced only with
+`--overwrite`, and an input of the run is never replaced.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _SCHEMA_BYTES = 512
 INPUT_SUFFIXES = frozenset(
     {".bin", ".csv", ".db", ".json", ".jsonl", ".npy", ".npz", ".parquet", ".ply", ".toml", ".txt", ".vis"}
 )
-#: Folders of images, masks and depth maps, which are inputs whatever their files are called.
+#: Folders of images, masks and depth maps; all their files are inputs.
 _IMAGE_FOLDERS = frozenset({"images", "frames", "instances", "pictures", "masks", "depth"})
 #: Number of folders above a model that are searched for its images.
 _LEVELS_UP = 3
@@ -40,11 +40,11 @@ WRITE_ERRORS = frozenset({
     errno.ENOTDIR, errno.EISDIR, errno.EEXIST, errno.ENOTEMPTY, errno.ENAMETOOLONG, errno.ELOOP, errno.ENXIO,
     errno.ENODEV, errno.EPIPE, errno.EINVAL, errno.EBUSY, errno.ETXTBSY,
 })  # fmt: skip
-#: Names that Windows keeps for devices, with any ending.
+#: Names that Windows reserves for devices, with any suffix.
 _RESERVED = re.compile(r"(con|prn|aux|nul|com[0-9¹²³]|lpt[0-9¹²³]|conin\$|conout\$)(\..*)?", re.IGNORECASE)
-#: Characters that no Windows file name has, and controls that no terminal should be shown.
+#: Characters that Windows does not allow in file names, and control characters, which a terminal would interpret.
 _UNFIT = re.compile(r'[<>:"|?*\x00-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]')
-#: Longest name of a file in bytes, less room for a temporary ending.
+#: Maximum length of a file name in bytes, which leaves room for a temporary suffix.
 MAX_NAME_BYTES = 200
 #: Part of the names of temporary files that identifies the machine, for shared disks.
 _MACHINE = f"{zlib.crc32(platform.node().encode()):08x}"
@@ -193,7 +193,7 @@ def has_schema(path: Path, schema: str) -> bool:
 
 
 def is_special(path: Path) -> bool:
-    """Return True if there is something at the path that is neither a file nor a folder: a device, a pipe, a socket."""
+    """Return True if the path exists and is neither a file nor a folder: a device, a pipe, a socket."""
     try:
         mode = path.stat().st_mode
     except OSError:
@@ -232,7 +232,7 @@ def _with_companions(inputs: Iterable[Path]) -> Iterator[Path]:
 
 
 def _texts_of(file: Path, key: str) -> list[str]:
-    """The texts of a key anywhere in a JSON file."""
+    """Return the texts of a key anywhere in a JSON file."""
     texts: list[str] = []
 
     def collect(row: dict[str, object]) -> dict[str, object]:
@@ -258,14 +258,14 @@ def whole_file(path: Path, option: str | None = None, schema: str | None = None)
     Raises
     ------
     InputError
-        Where `option` is given, by which a user named the path: the system cannot write there (a full disk, no such
-        folder, no permission), or there is a file that `check_output` does not let go.
+        `option`, by which a user named the path, is given, and the system cannot write there (a full disk, no such
+        folder, no permission), or `check_output` does not allow the replacement of an existing file.
     """
     if option is not None:
         check_output(path, option, schema)
     with _write_errors(path, option):
         if is_special(path):
-            import tempfile  # not of a query
+            import tempfile  # not on the path of a query
 
             with tempfile.TemporaryDirectory() as folder:
                 work = Path(folder) / path.name
@@ -300,7 +300,7 @@ def whole_folder(path: Path, option: str | None = None, suffix: str | None = Non
     Raises
     ------
     InputError
-        `path` exists already; where `option` is given also: the system cannot write there.
+        `path` exists already, or `option` is given and the system cannot write there.
     """
     check_folder(path, option or "folder", suffix)
     with _write_errors(path, option):
@@ -309,7 +309,7 @@ def whole_folder(path: Path, option: str | None = None, suffix: str | None = Non
         work = _new_part(path, is_folder=True)
         try:
             yield work
-            work.chmod(0o755)  # others were kept out meanwhile
+            work.chmod(0o755)  # other users had no access to the unfinished folder
             if os.path.lexists(path):
                 old = _new_part(path, is_folder=True)
                 path.rename(old / path.name)
@@ -323,7 +323,7 @@ def whole_folder(path: Path, option: str | None = None, suffix: str | None = Non
             else:
                 work.rename(path)
         finally:
-            shutil.rmtree(work, ignore_errors=True)  # gone already when all went well
+            shutil.rmtree(work, ignore_errors=True)  # it does not exist after a success
 
 
 def inside(folder: Path, name: str) -> Path:
@@ -339,9 +339,9 @@ def inside(folder: Path, name: str) -> Path:
 
 
 class OutputNames:
-    """Paths below a folder for many names: none leads out, and no two are the same file on any system.
+    """Distinct paths below a folder for names from files, on any system.
 
-    Names that differ in case only, or in how an accent is composed, are one file on some systems; the later one
+    Names that differ only in case or in the composition of an accent are one file on some systems; the later one
     gets a number.
     """
 
@@ -351,7 +351,7 @@ class OutputNames:
         self._folders: set[str] = set()
 
     def path(self, name: str) -> Path:
-        """The path of a name's file, each one once."""
+        """Return the path for a name; every call returns another path."""
         *folders, last = inside(Path(), name).parts
         place = self.folder
         for part in folders:
@@ -362,7 +362,7 @@ class OutputNames:
         return path
 
     def _free(self, wanted: Path, *taken: set[str]) -> Path:
-        """The path, or with the first number that makes it another than those taken."""
+        """Return the path, with the first number that distinguishes it from the existing ones if it is taken."""
         path, number = wanted, 1
         while any(self._key(path) in keys for keys in taken):
             number += 1
@@ -375,7 +375,7 @@ class OutputNames:
 
 
 def output_names(names: Iterable[str]) -> dict[str, Path]:
-    """Relative paths for names that a file states: each inside, no two the same file on any system."""
+    """Return distinct relative paths for the names that a file states, see `OutputNames`."""
     free = OutputNames(Path())
     return {name: free.path(name) for name in dict.fromkeys(names)}
 
@@ -396,7 +396,7 @@ def output_file(path: Path, option: str = "--out") -> Path:
 
 
 def _safe_part(part: str) -> str:
-    """One part of a path, fit for every system."""
+    """Return a part of a path that every system accepts."""
     text = _UNFIT.sub("_", part).rstrip(" .")
     text = f"_{text}" if _RESERVED.fullmatch(text) else text
     if len(text.encode()) <= MAX_NAME_BYTES:
@@ -408,7 +408,7 @@ def _safe_part(part: str) -> str:
 
 @contextmanager
 def _write_errors(path: Path, option: str | None) -> Iterator[None]:
-    """The system's refusals as errors of the input, where an option names the place."""
+    """Convert errors of the system in the block to InputError if an option names the path."""
     try:
         yield
     except OSError as error:
@@ -429,7 +429,7 @@ def _new_part(path: Path, *, is_folder: bool) -> Path:
 
 
 def _remove_dead_parts(path: Path) -> None:
-    """Remove what `_new_part` created for a path, and copies with a suffix, if the process of this machine is gone."""
+    """Remove the temporary files and folders of `_new_part` whose process on this machine has ended."""
     name = re.compile(rf"\.{re.escape(path.name)}\.{_MACHINE}\.(\d+)\.[0-9a-f]{{16}}\.part(?:\.[a-z]+)?")
     with suppress(OSError):
         for entry in sorted(path.parent.glob(f".{glob.escape(path.name)}.*.part*")):

@@ -1,4 +1,4 @@
-"""Input files read with suspicion: bounded bytes, text and JSON, with every error as one line that names the file."""
+"""Read untrusted files of bounded size as bytes, text or JSON; every error is one line that names the file."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from metric_base.operating_system import READ_FLAGS
 _HALF_CHARACTER = re.compile(r"\\u[dD][89a-fA-F]")
 #: Standard input by the name that commands give it.
 STDIN = "-"
-#: Maximum sizes of files: binary files become arrays of the same size, text three times as much, JSON
-#: about ten times (COCO's largest annotations, of 118,000 images, are 450 MB).
+#: Maximum sizes of files: in memory, text needs three times and JSON about ten times the size of the file (the largest
+#: annotations of COCO, of 118,000 images, have 450 MB).
 MAX_BYTES, MAX_TEXT_BYTES, MAX_JSON_BYTES = 1 << 33, 1 << 31, 1 << 29
-#: Most files in a folder of images or masks: ten hours of video at three images a second.
+#: Maximum number of files in a folder of images or masks: ten hours of video at three images per second.
 MAX_ENTRIES = 100_000
-#: How long a pipe may have no writer.
+#: Maximum time that a pipe may have no writer, in seconds.
 PIPE_SECONDS = 2.0
 _PIPE_BYTES = 1 << 20
 
@@ -38,8 +38,8 @@ def read_bytes(path: Path, most: int = -1, limit: int = MAX_BYTES, *, may_be_emp
     Raises
     ------
     InputError
-        It is missing, a folder, a device, unreadable, empty, or of more than `limit` bytes; or a pipe that nobody
-        writes to.
+        The file is missing, a folder, a device, unreadable, empty, or has more than `limit` bytes; or it is a pipe
+        without a writer.
     """
     with open_file(path) as descriptor:
         mode = os.fstat(descriptor).st_mode
@@ -61,10 +61,10 @@ def read_bytes(path: Path, most: int = -1, limit: int = MAX_BYTES, *, may_be_emp
 
 @contextmanager
 def open_file(path: Path) -> Iterator[int]:
-    """A descriptor of a file that is opened without waiting; the system's refusals are errors of the input."""
+    """Open a file without waiting and provide its descriptor; errors of the system become InputError."""
     with _refusals(path, "file"):
         try:
-            # a pipe without a writer would keep us waiting in `open` itself
+            # `open` would wait for the writer of a pipe
             descriptor = os.dup(0) if str(path) == STDIN else os.open(path, READ_FLAGS)
         except ValueError:  # a zero byte in the name
             raise InputError.at(path, "file", "a name of a file", str(path)) from None
@@ -89,7 +89,7 @@ def _read_pipe(path: Path, descriptor: int, limit: int, whole: bool) -> bytes:
     while size <= limit:
         try:
             part = os.read(descriptor, min(_PIPE_BYTES, limit + 1 - size))
-        except BlockingIOError:  # somebody has it open and thinks
+        except BlockingIOError:  # the writer has the pipe open and is not ready
             select.select([descriptor], [], [])
             continue
         if part:
@@ -105,7 +105,7 @@ def _read_pipe(path: Path, descriptor: int, limit: int, whole: bool) -> bytes:
 
 
 def is_file(path: Path) -> bool:
-    """Return True if there is a regular file; no name, however long or strange, is an error."""
+    """Return True if there is a regular file; invalid and too long names are no error."""
     try:
         return path.is_file()
     except (OSError, ValueError):
@@ -113,12 +113,12 @@ def is_file(path: Path) -> bool:
 
 
 def folder_entries(folder: Path) -> list[Path]:
-    """The entries of a folder in order of their names.
+    """Return the entries of a folder in the order of their names.
 
     Raises
     ------
     InputError
-        It cannot be listed, or has more than MAX_ENTRIES.
+        The folder cannot be listed, or has more than MAX_ENTRIES entries.
     """
     with _refusals(folder, "folder"), os.scandir(folder) as entries:
         names = [entry.name for entry in itertools.islice(entries, MAX_ENTRIES + 1)]
@@ -128,7 +128,7 @@ def folder_entries(folder: Path) -> list[Path]:
 
 
 def read_text(path: Path, limit: int = MAX_TEXT_BYTES, *, may_be_empty: bool = False) -> str:
-    """The whole file as UTF-8."""
+    """Return the content of a file as UTF-8."""
     try:
         return read_bytes(path, limit=limit, may_be_empty=may_be_empty).decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -137,10 +137,10 @@ def read_text(path: Path, limit: int = MAX_TEXT_BYTES, *, may_be_empty: bool = F
 
 
 def read_json(path: Path) -> Any:
-    """The JSON document of a file."""
+    """Return the JSON document of a file."""
     text = read_text(path, MAX_JSON_BYTES)
     collecting = gc.isenabled()
-    gc.disable()  # a document holds no cycles, and looking for them in a million points takes longer than to read it
+    gc.disable()  # a document has no cycles, and the search for them in a million points takes longer than reading
     try:
         document = json.loads(text)
         if _HALF_CHARACTER.search(text):

@@ -44,14 +44,14 @@ def stated_numbers(text: str) -> tuple[float, ...]:
 
 
 def json_object(value: object, field: str = "document") -> dict[str, Any]:
-    """`value` if it is a JSON object."""
+    """Return `value` if it is a JSON object, or raise FieldError."""
     if not isinstance(value, dict):
         raise FieldError(field, "an object", Unquoted(_JSON_KINDS.get(type(value), "something else")))
     return value
 
 
 def json_array(value: object, field: str = "document") -> list[Any]:
-    """`value` if it is a JSON array."""
+    """Return `value` if it is a JSON array, or raise FieldError."""
     if not isinstance(value, list):
         raise FieldError(field, "an array", Unquoted(_JSON_KINDS.get(type(value), "something else")))
     return value
@@ -64,14 +64,14 @@ def json_records(value: object, field: str) -> Iterator[tuple[str, dict[str, Any
 
 
 def json_name(value: object, field: str) -> str:
-    """`value` if it is a JSON text with a letter or another visible character."""
+    """Return `value` if it is a JSON text with a visible character, or raise FieldError."""
     if not isinstance(value, str) or not value.strip():
         raise FieldError(field, "a name", value)
     return value
 
 
 class BinaryReader:
-    """A little-endian binary file and a place in it; every count is checked against the bytes that remain."""
+    """Read a little-endian binary file from its start; every count is checked against the remaining bytes."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -80,11 +80,11 @@ class BinaryReader:
 
     @property
     def remaining(self) -> int:
-        """Bytes from the place to the end."""
+        """Return the number of bytes from the current place to the end."""
         return len(self.data) - self.place
 
     def take(self, layout: struct.Struct, field: str) -> tuple[Any, ...]:
-        """The next values in the layout."""
+        """Return the next values in the layout."""
         self._need(layout.size, field)
         values = layout.unpack_from(self.data, self.place)
         self.place += layout.size
@@ -99,7 +99,7 @@ class BinaryReader:
         return int(count)
 
     def rows(self, dtype: DTypeLike, n: int, field: str) -> NDArray[Any]:
-        """The next n records, (n,), as a view of the bytes, without a copy; InputError if the file ends before."""
+        """Return the next n records, (n,), as a view of the bytes; InputError if the file has fewer."""
         record = np.dtype(dtype)
         self._need(n * record.itemsize, field)
         rows = np.frombuffer(self.data, dtype=record, count=n, offset=self.place)
@@ -107,7 +107,7 @@ class BinaryReader:
         return rows
 
     def name(self, field: str) -> str:
-        """The next zero-terminated UTF-8 string."""
+        """Return the next zero-terminated UTF-8 string."""
         end = self.data.find(b"\0", self.place)
         if end < 0:
             raise InputError.at(self.path, field, "a name that ends in a zero byte", Unquoted("the end of the file"))

@@ -41,7 +41,7 @@ STATISTICS: frozenset[str] = frozenset(get_args(Statistic))
 _KINDS, _STATISTICS = (f"one of {', '.join(sorted(known))}" for known in (KINDS, STATISTICS))
 _REGIONS = f"two letters of ISO 3166, or {', '.join(sorted(REGIONS))}"
 #: Fields that are omitted from lines if they are None.
-_OPTIONAL = frozenset({"scene", "statistic", "relative_sd", "attribution"})
+_OPTIONAL = frozenset({"scene", "statistic", "relative_sd", "attribution", "mass_kg", "volume_l"})
 
 
 class _Head(msgspec.Struct):
@@ -88,6 +88,8 @@ class RawItem:
     relative_sd: float | None = None
     #: Author to name, if the source has several authors.
     attribution: str | None = None
+    mass_kg: float | None = None  #: None if the source states no mass.
+    volume_l: float | None = None  #: Volume or capacity, as the source defines it; None if it states none.
 
     def __post_init__(self) -> None:
         expect(self.kind in KINDS, "kind", _KINDS, self.kind)
@@ -100,6 +102,8 @@ class RawItem:
         expect(bool(self.source_id), "source_id", "an id", self.source_id)
         sizes = [v for v in (*self.dimensions_mm.values(), *(self.extents_mm or ())) if v is not None]
         expect(all(0 < v < math.inf for v in sizes), "dimensions_mm", "positive lengths", sizes)
+        amounts = [v for v in (self.mass_kg, self.volume_l) if v is not None]
+        expect(all(0 < v < math.inf for v in amounts), "mass_kg, volume_l", "positive numbers", amounts)
 
     @property
     def identity(self) -> str:

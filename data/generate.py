@@ -44,6 +44,7 @@ import os
 import re
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 
@@ -57,6 +58,7 @@ from metric_base.files import whole_file
 from metric_tree.cutouts.guided import METHOD, guided_foreground, guides
 from metric_tree.cutouts.quality import assessment
 from models3d.gltf.model_reader import read_model
+from models3d.model import Model
 from taxonomy.catalogue import OTHER, Catalogue, default_catalogue
 from taxonomy.label_lists import vocabulary
 from taxonomy.matching.decisions import decisions, rulings
@@ -319,6 +321,17 @@ def _stored(body: bytes) -> str:
     return image_id
 
 
+def _part_in_box(model: Model, box_m: list[float]) -> Model:
+    """Return the triangles of a set of objects that are in a box of its file, minimum and maximum of x, y and z."""
+    low, high = np.reshape(box_m, (3, 2)).T
+    parts = []
+    for mesh in model.meshes:
+        corners = mesh.vertices[mesh.faces]  # (m, 3, 3)
+        is_inside = ((corners >= low) & (corners <= high)).all(axis=(1, 2))
+        parts.append(replace(mesh, faces=mesh.faces[is_inside]))
+    return replace(model, meshes=tuple(part for part in parts if len(part.faces)))
+
+
 def write_illustrations(folder: Path) -> None:
     """Views of the models that `illustrations.csv` names, from a folder with `models.csv`."""
     with (folder / "models.csv").open(encoding="utf-8", newline="") as lines:
@@ -327,12 +340,14 @@ def write_illustrations(folder: Path) -> None:
     context = gl_context()
     records = []
     with (RAW.parent / "curated" / "illustrations.csv").open(encoding="utf-8", newline="") as lines:
-        for node_id, file in csv.reader(lines):
-            if file == "model":
-                continue
+        for row in csv.DictReader(lines):
+            node_id, file = row["node_id"], row["model"]
             place, commit = models[file]["source"].split(" @ ") if " @ " in models[file]["source"] else (None, None)
             url = DEBIAN if place is None else f"https://github.com/{place.replace(' : ', f'/tree/{commit}/')}"
-            for view in studio_views(context, read_model(folder / file), MAX_SIDE_PX, VIEWS_DEG):
+            model = read_model(folder / file)
+            if row["box_m"]:
+                model = _part_in_box(model, [float(side) for side in row["box_m"].split()])
+            for view in studio_views(context, model, MAX_SIDE_PX, VIEWS_DEG):
                 Image.fromarray(view.rgba, "RGBA").save(sink := BytesIO(), "WEBP", quality=80, method=6)
                 image_id = _stored(sink.getvalue())
                 records.append(

@@ -168,8 +168,9 @@ class Node:
         pyarrow.Table
             Columns of `metric_tree.release.schema.ITEMS`: `item_id`, `node_id`, `source`, `source_id`, `title`,
             `length_mm`, `width_mm`, `height_mm` (mm in the ordinary pose, null if unknown), `extents_mm` (all stated
-            outer sizes in mm, longest first), `kind`, `year`, `region`, `url`, `licence`, `flags`. Items that are used
-            for the fit but not shipped are not included, so that there may be fewer rows than `n_items`.
+            outer sizes in mm, longest first), `kind`, `year`, `region`, `url`, `licence`, `flags`, `attribution`,
+            `mass_kg`, `volume_l` (null where the source states none). Items that are used for the fit but not shipped
+            are not included, so that there may be fewer rows than `n_items`.
 
         >>> import metric_tree
         >>> items = metric_tree.open().find("mug").items()

@@ -75,6 +75,13 @@ class Axis(_Declared, frozen=True, kw_only=True):
         expect(self.unit in {None, *MILLIMETRES}, "unit", f"one of {', '.join(MILLIMETRES)}", self.unit)
 
 
+class Amount(_Declared, frozen=True, kw_only=True):
+    """The column of a mass or a volume."""
+
+    column: str
+    factor: float = 1.0  #: Kilograms or litres in a unit of the column.
+
+
 class Rule(_Declared, frozen=True, kw_only=True):
     """A test of a column, and its consequence."""
 
@@ -145,6 +152,8 @@ class Table(_Declared, frozen=True, kw_only=True):
     text: str = ""  #: Template of a text with the complete size.
     text_pattern: str = ""  #: Regular expression whose first group is the size in this text.
     order: tuple[str, ...] = ()  #: Axes of the numbers in this text, if it does not name them.
+    mass_kg: Amount | None = None
+    volume_l: Amount | None = None  #: Volume or capacity, as the source defines it.
     labelled: bool = True  #: False if the axes are unknown; then only `extents_mm` is stored.
     only: tuple[Rule, ...] = ()
     reject: tuple[Rule, ...] = ()

@@ -77,14 +77,21 @@ def row_items(source: Source, folder: Path) -> Iterator[RawItem | RowRejected]:
 
 
 def _without_copies(items: Iterable[RawItem]) -> list[RawItem]:
-    """Merge items of the same category, title, brand, sizes and flags into the first, with their number as count."""
+    """Merge items of the same category, title, brand, sizes and flags into the first, with their number as count.
+
+    A mass or a volume in which they differ is omitted.
+    """
 
     def content(item: RawItem) -> object:
         sizes = tuple(sorted((axis, value or 0.0) for axis, value in item.dimensions_mm.items()))
         return item.category_path, item.title, item.brand, sizes, item.extents_mm, item.flags
 
-    groups = grouped((content(item), item) for item in items).values()
-    return [replace(one[0], count=sum(item.count for item in one)) if len(one) > 1 else one[0] for one in groups]
+    merged = []
+    for group in grouped((content(item), item) for item in items).values():
+        amounts = {(item.mass_kg, item.volume_l) for item in group}
+        mass_kg, volume_l = amounts.pop() if len(amounts) == 1 else (None, None)
+        merged.append(replace(group[0], count=sum(item.count for item in group), mass_kg=mass_kg, volume_l=volume_l))
+    return merged
 
 
 def _one_per_title(items: Iterable[RawItem]) -> list[RawItem]:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, Self
 
-from crawler.imports.declaration import BOUNDS_MM, REASONS, Rule, Source, Table
+from crawler.imports.declaration import BOUNDS_MM, REASONS, Amount, Rule, Source, Table
 from crawler.imports.table_files import FIELD, Row, record_rows, rows
 from crawler.items import BadRawItem, RawItem
 from crawler.text.cell_lengths import AXES, UnreadableLength, dimensions_mm, extents_mm, length_mm, measures
@@ -237,7 +238,18 @@ def _table_row_item(source: Source, table: Table, row: Row) -> RawItem:
         relative_sd=float(fill_template(table.relative_sd, row) or 0) or None,
         **{name: fill_template(getattr(table, name), row) for name in _TEXTS},
         flags=tuple(flags),
+        mass_kg=_amount(table.mass_kg, row),
+        volume_l=_amount(table.volume_l, row),
     )
+
+
+def _amount(declared: Amount | None, row: Row) -> float | None:
+    """Return the mass in kg or the volume in litres of a row with six digits; None if no positive number is stated."""
+    try:
+        amount = float(row.get(declared.column, "")) * declared.factor if declared else 0.0
+    except ValueError:
+        return None
+    return float(f"{amount:.6g}") if 0 < amount < math.inf else None
 
 
 def _first_group(pattern: str, text: str) -> str:

@@ -43,8 +43,10 @@ from metric_tree.release.schema import ITEMS
 #: source is bounded anyway (`fit.rows.SOURCE_HALF_ROWS`), and 200 rows determine its mean to 1/14 of the standard
 #: deviation.
 MAX_FIT_ROWS = 200
-#: Maximum number of words of the title of a product; longer ones describe it for sale.
+#: Maximum number of words of the title of a product or of a model of one; longer ones describe it for sale.
 MAX_TITLE_WORDS = 8
+#: Kinds of these titles. Museums, standards and judged ranges have titles of their own, documents and reasons.
+SHORT_TITLES = frozenset({"product", "measured", "asset"})
 #: Maximum number of rows of several nodes, and approximate number of rows in which duplicates are searched, at once.
 MAX_GROUP_ROWS = 20_000
 #: Flag of rows whose size may be the size of the package.
@@ -169,13 +171,13 @@ def _shipped_items(table: pa.Table, terms: Mapping[str, tuple[str, str]]) -> pa.
         values = pc.coalesce(items[column], of_source)
         items = items.set_column(items.schema.get_field_index(column), column, values)
     rows = zip(items["title"].to_pylist(), items["kind"].to_pylist(), strict=True)
-    titles = pa.array([short_title(title) if kind == "product" else title for title, kind in rows], pa.string())
+    titles = pa.array([short_title(title) if kind in SHORT_TITLES else title for title, kind in rows], pa.string())
     items = items.set_column(items.schema.get_field_index("title"), "title", titles)
     return items.select(ITEMS.names).cast(ITEMS)
 
 
 def short_title(title: str) -> str:
-    """Return a title without what follows its first comma or dash, and with at most `MAX_TITLE_WORDS` words.
+    """Return a title up to its first comma, dash or `with`, and with at most `MAX_TITLE_WORDS` words.
 
     >>> short_title("Meshify 2 Nano - Mini-ITX tower in black with a side panel of glass")
     'Meshify 2 Nano'
@@ -183,7 +185,7 @@ def short_title(title: str) -> str:
     words = title.split()
     if len(words) <= MAX_TITLE_WORDS:
         return title
-    name = re.split(r", | [-\N{EN DASH}] ", title, maxsplit=1)[0].split()
+    name = re.split(r", | [-\N{EN DASH}] | with ", title, maxsplit=1)[0].split()
     return " ".join((name if len(name) > 1 else words)[:MAX_TITLE_WORDS])
 
 

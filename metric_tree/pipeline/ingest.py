@@ -62,7 +62,8 @@ _RAW = re.compile(r"^(?!pictures-\d).*(?<!\.quarantine)\.jsonl(\.gz)?$")
 #: Rows between the steps of a build.
 ROWS = table_schema("ingested", "metric-tree/ingested/1")
 #: Columns that are fields of a raw item.
-_OF_ITEM = ["source", "source_id", "title", "year", "region", "licence", "flags", "attribution", "scene", "relative_sd"]
+_OF_ITEM = ["source", "source_id", "title", "year", "region", "licence", "flags", "attribution", "scene", "relative_sd",
+            "mass_kg", "volume_l"]  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)

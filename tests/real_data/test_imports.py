@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import math
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -178,6 +179,28 @@ def test_items_of_sources_with_means_are_statistics(imports: Imports) -> None:
     assert all(1740 < (item.dimensions_mm["height"] or 0) < 1790 for item in men)
     assert all(0.03 < (item.relative_sd or 0) < 0.05 for item in men)
     assert not any(item.statistic for item in imports("nuscenes_mini").items)
+
+
+def test_masses_and_volumes_are_those_of_the_objects(imports: Imports) -> None:
+    people = [item.mass_kg for item in imports("ansur2").items if item.mass_kg]
+    assert len(people) == 3000
+    assert 74 < median(people) < 80
+    coins = {item.source_id: item.mass_kg for item in imports("canadian_coins").items}
+    assert coins["10-cents-1858"] == 0.00232
+    cases = [item for item in imports("buildcores").items if item.volume_l and len(item.extents_mm or ()) == 3]
+    ratios = [item.volume_l / (math.prod(item.extents_mm) / 1e6) for item in cases]  # l / l
+    assert 0.99 < median(ratios) < 1.01
+    fridges = [item.volume_l for item in imports("energy_star").items if item.volume_l]
+    assert 300 < median(fridges) < 700
+
+
+def test_items_have_pages_of_their_own_or_the_file_of_their_row(imports: Imports) -> None:
+    assert imports("tate").items[0].url.endswith("/artworks/a/001")  # its file begins with a00138
+    assert all(item.url.endswith(item.source_id.split("#")[0]) for item in imports("tdw_models").items)
+    pages = {item.url for item in imports("energy_star").items if item.category_path[0] == "light bulb"}
+    assert "https://www.energystar.gov/productfinder/product/certified-light-bulbs/details/2318504" in pages
+    dishwashers = {item.url for item in imports("energy_star_2025").items if "dishwasher" in item.category_path[0]}
+    assert {url.rpartition("/")[2] for url in dishwashers} == {"dishwashers.json"}
 
 
 def test_open_models_state_attribution_address_and_licence(imports: Imports) -> None:

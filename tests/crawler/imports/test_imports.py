@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from crawler.imports.table_files import BadTable
+from crawler.items import RawItem
 from tests.crawler.imports.invented_tables import made_up, reasons, sizes
 
 
@@ -315,6 +316,31 @@ def test_a_damaged_file_is_one_clear_line(tmp_path: Path, name: str, form: str, 
     with pytest.raises(BadTable, match=f"{name}: expected .*; found ") as caught:
         made_up(tmp_path, f'[[tables]]\nfiles = ["{name}"]\nformat = "{form}"\nunit = "mm"\naxes = {{ width = "w" }}')
     assert "\n" not in str(caught.value)
+
+
+WEIGHED = """
+[[tables]]
+files = ["table.csv"]
+unit = "mm"
+category = ["{object}"]
+axes = { height = "h" }
+mass_kg = { column = "grams", factor = 0.001 }
+volume_l = { column = "litres" }
+"""
+
+
+def test_rows_state_mass_and_volume_where_they_have_them(tmp_path: Path) -> None:
+    head = "object,h,grams,litres\n"
+    rows = "coin,20,7.08,\nbox,30,N/A,45.6\npan,40,0,inf\njar,50,900,1\njar,50,950,1\ncup,60,300,.2\ncup,60,300,.2\n"
+    items = made_up(tmp_path, WEIGHED, table_csv=head + rows).items
+    amounts = {item.category_path[0]: (item.mass_kg, item.volume_l) for item in items}
+    # equal jars with two masses are one item, which has none
+    assert amounts == {
+        "coin": (0.00708, None), "box": (None, 45.6), "pan": (None, None), "jar": (None, None), "cup": (0.3, 0.2),
+    }  # fmt: skip
+    assert '"mass_kg": 0.00708' in items[0].line()
+    assert "volume_l" not in items[0].line()
+    assert RawItem.from_line(items[0].line()) == items[0]
 
 
 MEASURED = r"""

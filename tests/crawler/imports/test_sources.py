@@ -174,6 +174,8 @@ def test_fields_of_measured_objects_are_in_a_line_only_where_they_are_set() -> N
         source="a", source_id="1", scene="room/1", statistic="mean", relative_sd=0.04, attribution="A. Nyone"
     )
     assert RawItem.from_line(full.line()) == full
+    with pytest.raises(FieldError, match="mass_kg, volume_l: expected positive numbers, found"):
+        RawItem(source="a", source_id="1", mass_kg=-1.0)
     with pytest.raises(FieldError, match="statistic: expected one of max, mean, median, min"):
         RawItem(source="a", source_id="1", statistic="sd")  # type: ignore[arg-type]
 

@@ -107,6 +107,7 @@ def test_items_name_whom_to_credit_and_nodes_their_sources(tmp_path, release):
         ("one two three four five six seven eight nine", "one two three four five six seven eight"),
         ("A7 desk lamp - with a dimmer and a clamp", "A7 desk lamp"),
         ("Lamp, with a dimmer and a clamp of steel", "Lamp, with a dimmer and a clamp of"),
+        ("Pro headset of full size in black with cable", "Pro headset of full size in black"),
     ],
 )
 def test_titles_of_products_have_at_most_eight_words(title, short):

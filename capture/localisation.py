@@ -55,7 +55,7 @@ def localised_frames(
         Width in pixels of the frames, in which errors are given.
     """
     views = {view.name: view for view in scene.views}
-    tracker = _Tracker(scene, source_width)
+    tracker = FrameTracker(scene, source_width)
     waiting: list[tuple[FramePose, Grey]] = []
     before: tuple[FramePose, Grey, Tracks] | None = None
     for frame in frames:
@@ -79,7 +79,7 @@ def localised_frames(
     yield from tracker.between(waiting, before, None)
 
 
-class _Tracker:
+class FrameTracker:
     """Tracks points of a scene from reconstructed frames (pose, image, tracks) into others."""
 
     def __init__(self, scene: Scene, source_width: int) -> None:
@@ -128,7 +128,7 @@ class _Tracker:
                 last = poses[k] if poses[k].origin == "localised" else last
         known = [anchor[0] for anchor in (before, after) if anchor is not None]
         known = sorted([*known, *(pose for pose in poses if pose.origin != "none")], key=lambda pose: pose.index)
-        return [self._interpolated(pose, known, seen[k]) for k, pose in enumerate(poses)]
+        return [self.interpolated(pose, known, seen[k]) for k, pose in enumerate(poses)]
 
     def _track(self, start: Grey, tracks: Tracks, images: list[Grey]) -> Iterator[Tracks]:
         """Yield the tracks in each image (h, w), always found from the start image, so that they do not drift."""
@@ -177,7 +177,7 @@ class _Tracker:
         median = float(np.median(error)) if len(error) else np.inf
         return median * self._source_px if np.isfinite(median) else None
 
-    def _interpolated(
+    def interpolated(
         self, pose: FramePose, known: list[FramePose], seen: tuple[IntArray, FloatArray] | None
     ) -> FramePose:
         """Return an unknown pose interpolated between known ones, checked by points (n,) with rays (n, 2)."""

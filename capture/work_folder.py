@@ -108,7 +108,7 @@ class WorkFolder:
             owned |= {output: sorted({*owned.get(output, ()), digest}) for output, digest in digests.items()}
             self._write_stamp(name, {"key": None, "outputs": [], "owned": owned})
             for output in outputs:
-                self._publish(part / output, self.path / output)
+                self.publish(part / output, self.path / output)
         except BaseException as error:
             is_full = shutil.disk_usage(self.path).free < MAX_FREE_OF_FULL_DISK
             shutil.rmtree(part, ignore_errors=True)
@@ -180,7 +180,7 @@ class WorkFolder:
     def _write_stamp(self, name: str, row: Mapping[str, Any]) -> None:
         write_whole(self._stamp_file(name), json.dumps(row) + "\n")
 
-    def _publish(self, made: Path, place: Path) -> None:
+    def publish(self, made: Path, place: Path) -> None:
         """Move an output to its place after removing the previous one."""
         if os.path.lexists(place):
             old = self.path / f"{_PART}old.part"

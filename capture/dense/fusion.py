@@ -67,7 +67,7 @@ def make_dense_cloud(scene: Scene, images: Path, file: Path, progress: Callable[
         for done, (row, depth) in enumerate(zip(chosen, pool.map(depth_of, chosen), strict=True)):
             depths[row] = depth
             progress(done + 1, len(chosen))
-    points, colours, seen = _fuse(views, depths)
+    points, colours, seen = fuse_views(views, depths)
     if len(points):
         record = [(axis, "<f4") for axis in "xyz"] + [(name, "u1") for name in ("red", "green", "blue")]
         vertices = np.empty(len(points), dtype=record)
@@ -94,7 +94,7 @@ def _sources(scene: Scene, row: int, common: IntArray) -> list[int]:
     return [int(other) for other in np.argsort(-score, kind="stable")[:N_SOURCES]]
 
 
-def _fuse(
+def fuse_views(
     views: dict[int, PinholeView], depths: dict[int, NDArray[np.float32]]
 ) -> tuple[FloatArray, NDArray[np.uint8], BoolArray]:
     """Return points (n, 3), colours (n, 3) and which of the views with depth see them (n, v); each surface once."""

@@ -90,7 +90,12 @@ def make_model(
     if report.failure is None:
         database = folder / "matches.db"
         shutil.copyfile(matches, database)  # the mappers write to their database
-        request = {"database": str(database), "images": str(images), "cameras": _cameras(lens), "fixed": lens.fixed}
+        request = {
+            "database": str(database),
+            "images": str(images),
+            "cameras": candidate_cameras(lens),
+            "fixed": lens.fixed,
+        }
         request |= {"free": lens.free, "linked": len(graph.groups()[0])}
         result = _mapped(folder, request, limit, progress)
         report.model = msgspec.convert(result["model"], ModelMetrics | None)
@@ -142,7 +147,7 @@ def camera_model_failure(lenses: CameraModelChoice) -> Failure | None:
     return refusal("wrong_camera_model", seen)
 
 
-def _cameras(lens: Lens) -> list[dict[str, Any]]:
+def candidate_cameras(lens: Lens) -> list[dict[str, Any]]:
     """Return the cameras to map with in turn, until most frames are placed.
 
     A stated wide lens comes first, then the assumed camera. The first two frames of a straight drive hardly constrain

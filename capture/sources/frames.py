@@ -150,7 +150,7 @@ def make_frames(part: Path, source: Source, wanted: int | None, progress: Progre
             remarks.append(f"not used: {names}; convert to JPEG")
     (part / "frames").mkdir()
     read = with_progress(itertools.islice(source.frames(), int(indices[-1]) + 1), "writing frames", progress, n)
-    chosen = [_write_frame(part / "frames", frame, source) for frame in read if frame.index in indices]
+    chosen = [write_frame(part / "frames", frame, source) for frame in read if frame.index in indices]
     document = Frames(
         source=str(source.path.resolve()),
         size=(source.width, source.height),
@@ -170,7 +170,7 @@ def read_frames(folder: Path) -> Frames:
     return msgspec.convert(read_json(folder / FRAMES_FILE), Frames)
 
 
-def _write_frame(folder: Path, frame: VideoFrame, source: Source) -> ChosenFrame:
+def write_frame(folder: Path, frame: VideoFrame, source: Source) -> ChosenFrame:
     """Write a frame, reduced to MAX_SIDE; an upright JPEG is copied with its EXIF, which COLMAP reads."""
     import cv2
 

@@ -89,7 +89,7 @@ def paper_result(
                 else:
                     notes.append(f"category {name!r}: the authors have no list of {match.node.node_id}")
                 continue
-            mixtures[name], is_sampled = _node_mixture(match.node, match.prior.dims)
+            mixtures[name], is_sampled = node_mixture(match.node, match.prior.dims)
             if is_sampled:
                 notes.append(f"category {name!r}: its rows are not shipped; the paper's fit is to draws from the prior")
     with stopwatch(seconds, "posterior"):
@@ -173,7 +173,7 @@ def authors_lists(folder: Path, tree: Tree) -> dict[str, tuple[tuple[str, ...], 
 
 
 @cache
-def _node_mixture(node: Node, dims: tuple[str, ...]) -> tuple[PaperMixture, bool]:
+def node_mixture(node: Node, dims: tuple[str, ...]) -> tuple[PaperMixture, bool]:
     """Return the mixture of the items of a node, and whether they are samples from the prior.
 
     The items are the shipped ones that have every dimension.
@@ -201,7 +201,7 @@ def _estimate(
     sizes: list[tuple[PaperMixture, list[int], FloatArray]] = []  # mixture, its axes (a,), sizes (a,) in mm at scale 1
     for index, item in enumerate(objects):
         mixture = mixtures.get(item.category)
-        names, lengths = _plausible(item, mixture) if mixture is not None else ((), np.zeros(0))
+        names, lengths = plausible_dimensions(item, mixture) if mixture is not None else ((), np.zeros(0))
         reason = item.skipped or matches[item.category].reason
         if reason is None and mixture is None:
             reason = "no list of its class"
@@ -220,7 +220,7 @@ def _estimate(
     return evidence, estimate_on(scales, log_likelihood, level)
 
 
-def _plausible(item: MeasuredObject, mixture: PaperMixture) -> tuple[tuple[str, ...], FloatArray]:
+def plausible_dimensions(item: MeasuredObject, mixture: PaperMixture) -> tuple[tuple[str, ...], FloatArray]:
     """Return the dimensions of the mixture with a confidence of at least 0.7, and the extents (k,) in scene units.
 
     A dimension without a confidence is used. A box without a vertical has only sorted extents.

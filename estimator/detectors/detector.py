@@ -150,7 +150,7 @@ class Detector:
         if self._one_stage is not None:
             return self._one_stage_detections(self._one_stage, image)
         inputs, factor = self._prepare(image)
-        boxes, labels, scores, masks = _run_graph(
+        boxes, labels, scores, masks = run_graph(
             self._session, self.path, self._outputs, {self._input.name: inputs[None] if self._is_batched else inputs}
         )
         n = len(boxes)
@@ -160,11 +160,11 @@ class Detector:
             raise InputError.at(self.path, "outputs", expected, Unquoted(str(shapes)))
         if n and not all(0 < side <= MAX_SIDE_PX for side in masks.shape[2:]):
             raise InputError.at(self.path, "masks", f"sides of 1 to {MAX_SIDE_PX:,} pixels", masks.shape)
-        self._check_scores(scores)
+        self.check_scores(scores)
         boxes = np.asarray(boxes, dtype=float) / np.tile(factor, 2)
         keep = np.flatnonzero(scores >= MIN_SCORE)
         is_full_size = masks.shape[2:] == inputs.shape[1:]
-        mask_of = partial(_full_size_mask, masks) if is_full_size else partial(_pasted_mask, masks, boxes)
+        mask_of = partial(full_size_mask, masks) if is_full_size else partial(pasted_mask, masks, boxes)
         size = image.shape[1], image.shape[0]
         return Detections(
             boxes[keep],
@@ -179,7 +179,7 @@ class Detector:
         input_size = next(value.shape[3:1:-1] for value in inputs.values() if value.ndim == 4)
         masks_of = [node.name for node in self._session.get_outputs() if len(node.shape) == 4]
         names = [*NAMED_OUTPUTS, *masks_of] if form in NAMED_FORMS else None
-        outputs = _run_graph(self._session, self.path, names, inputs)
+        outputs = run_graph(self._session, self.path, names, inputs)
         size = image.shape[1], image.shape[0]
         try:
             boxes, labels, scores, masks = one_stage_detections(
@@ -188,7 +188,7 @@ class Detector:
         except (IndexError, ValueError, StopIteration, MemoryError, cv2.error) as error:
             shapes = Unquoted(f"{[output.shape for output in outputs]}: {error}")
             raise InputError.at(self.path, "outputs", f"those of {form}", shapes) from None
-        self._check_scores(scores)
+        self.check_scores(scores)
         if masks is not None:
             return Detections(boxes, labels, scores, masks)
         with np.errstate(invalid="ignore"):
@@ -197,7 +197,7 @@ class Detector:
         filled = [box_mask(box, size) for box in corners.tolist()]
         return Detections(boxes, labels, scores, tuple(filled), from_boxes=True)
 
-    def _check_scores(self, scores: NDArray[Any]) -> None:
+    def check_scores(self, scores: NDArray[Any]) -> None:
         """Raise InputError unless scores (n,) are between 0 and 1, and not too many of them are detections."""
         is_wrong = ~((scores > -SCORE_TOLERANCE) & (scores < 1 + SCORE_TOLERANCE))
         if is_wrong.any():
@@ -281,7 +281,7 @@ def _load_graph(path: Path) -> Any:
         raise InputError.at(path, "detector", "an ONNX graph that onnxruntime loads", Unquoted(line)) from None
 
 
-def _run_graph(session: Any, path: Path, outputs: list[str] | None, inputs: dict[str, Any]) -> list[NDArray[Any]]:
+def run_graph(session: Any, path: Path, outputs: list[str] | None, inputs: dict[str, Any]) -> list[NDArray[Any]]:
     """Return outputs of any shape of a graph, by default all, for arrays by input name, within limits."""
     import onnxruntime
 
@@ -301,7 +301,7 @@ def _run_graph(session: Any, path: Path, outputs: list[str] | None, inputs: dict
         timer.cancel()
 
 
-def _full_size_mask(masks: NDArray[Any], row: int, size: tuple[int, int]) -> BoolArray:
+def full_size_mask(masks: NDArray[Any], row: int, size: tuple[int, int]) -> BoolArray:
     """Return a mask (H, W) that has the size of the input, resized to the (width, height) of the image."""
     mask = np.asarray(masks[row, 0], dtype=np.float32)
     if mask.shape != size[::-1]:
@@ -309,7 +309,7 @@ def _full_size_mask(masks: NDArray[Any], row: int, size: tuple[int, int]) -> Boo
     return np.asarray(mask >= MIN_MASK_VALUE)
 
 
-def _pasted_mask(masks: NDArray[Any], boxes: FloatArray, row: int, size: tuple[int, int]) -> BoolArray:
+def pasted_mask(masks: NDArray[Any], boxes: FloatArray, row: int, size: tuple[int, int]) -> BoolArray:
     """Return a mask (H, W) that is a small image of its box, resized to the box and cropped to the image."""
     width, height = size
     mask = np.zeros((height, width), dtype=bool)

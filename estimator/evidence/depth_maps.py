@@ -98,7 +98,7 @@ class MetricDepth:
     def _maps(self, scene: Scene) -> Iterator[tuple[View, FloatArray, DepthMaps]]:
         """Yield the views that have a map, with their depths (h, w) in metres and the maps of the file."""
         assert self.folder is not None
-        files = [_file(self.folder, view.name) for view in scene.views]
+        files = [map_file(self.folder, view.name) for view in scene.views]
         stack = next((self.folder / name for name in DEPTH_ANYTHING_3.files if (self.folder / name).is_file()), None)
         if stack is not None and not any(files):
             views, maps = sorted(scene.views, key=lambda view: view.name), read_depths(stack, self.png_metres)
@@ -166,7 +166,7 @@ def frame_sd(ratios: FloatArray, prior_sd: float = FRAME_SD) -> float:
     return math.sqrt((freedom * sigma**2 + FRAME_PRIOR_COUNT * prior_sd**2) / (freedom + FRAME_PRIOR_COUNT))
 
 
-def _file(folder: Path, name: str) -> Path | None:
+def map_file(folder: Path, name: str) -> Path | None:
     """Find the map of a view: for `a/b.jpg`, `a/b.npy` or `b.npy`, `b_depth.npy`, or `b/depth.exr`."""
     relative = PurePosixPath(name.replace("\\", "/"))
     if relative.is_absolute() or ".." in relative.parts:

@@ -120,7 +120,7 @@ def inertial_scale(force: Samples, rate: Samples, path: CameraPath) -> Inertial 
     length = min(WINDOW_S, last - first)
     count = max(1, round((last - first - length) / (WINDOW_S / 2)) + 1)
     starts = np.linspace(first, last - length, count)
-    windows = [window for start in starts if (window := _window(Samples(force.times_s, values), rate, path, start))]
+    windows = [window for start in starts if (window := time_window(Samples(force.times_s, values), rate, path, start))]
     if not windows:
         return "no stretch of four seconds has both the camera's path and the unit's readings"
     gravity = float(np.median([window.gravity for window in windows]))
@@ -153,7 +153,7 @@ def _missing_readings(force: Samples, rate: Samples, path: CameraPath) -> str | 
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _TimeWindow:
+class TimeWindow:
     """The paths of camera and unit in a window."""
 
     times_s: FloatArray  #: (n,) of the camera.
@@ -172,7 +172,7 @@ class _TimeWindow:
         return remove_drift(times, self.centres[is_known]), remove_drift(times, np.column_stack(unit))
 
 
-def _window(force: Samples, rate: Samples, path: CameraPath, start: float) -> _TimeWindow | None:
+def time_window(force: Samples, rate: Samples, path: CameraPath, start: float) -> TimeWindow | None:
     """Return the window that begins at `start`; None if one of the paths has a gap."""
     inside = (path.times_s >= start - 1e-6) & (path.times_s <= start + WINDOW_S + 1e-6)
     times = path.times_s[inside]
@@ -190,7 +190,7 @@ def _window(force: Samples, rate: Samples, path: CameraPath, start: float) -> _T
     fixed = max(candidates, key=lambda values: float(np.linalg.norm(values.mean(axis=0))))
     gravity = float(np.linalg.norm(fixed.mean(axis=0)))
     unit_path, up = double_integral(unit_times, fixed), fixed.mean(axis=0) / max(gravity, 1e-9)
-    return _TimeWindow(times, path.centres[inside], unit_times, unit_path, gravity, up)
+    return TimeWindow(times, path.centres[inside], unit_times, unit_path, gravity, up)
 
 
 def force_in_fixed_frame(times_s: FloatArray, force: FloatArray, rates: FloatArray) -> FloatArray:

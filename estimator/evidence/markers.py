@@ -64,14 +64,14 @@ def refined_marker_corners(image: Any, dictionary: Any) -> list[tuple[int, Float
         in OpenCV.
     """
     parameters = cv2.aruco.DetectorParameters()
-    coarse = _detect_markers(cv2.aruco.ArucoDetector(dictionary, parameters), image)
+    coarse = detect_markers(cv2.aruco.ArucoDetector(dictionary, parameters), image)
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_APRILTAG
     detector = cv2.aruco.ArucoDetector(dictionary, parameters)
-    refined = [(marker, _refine(image, detector, marker, corners)) for marker, corners in coarse]
+    refined = [(marker, refined_corners(image, detector, marker, corners)) for marker, corners in coarse]
     return [(marker, corners) for marker, corners in refined if corners is not None]
 
 
-def _detect_markers(detector: Any, image: Any) -> list[tuple[int, FloatArray]]:
+def detect_markers(detector: Any, image: Any) -> list[tuple[int, FloatArray]]:
     """Return the id and the corners (4, 2) of the markers in a grey image (h, w)."""
     corners, markers, _ = detector.detectMarkers(image)
     if markers is None:
@@ -80,7 +80,7 @@ def _detect_markers(detector: Any, image: Any) -> list[tuple[int, FloatArray]]:
     return list(zip(np.ravel(markers).tolist(), squares, strict=True))
 
 
-def _refine(image: Any, detector: Any, marker: int, corners: FloatArray) -> FloatArray | None:
+def refined_corners(image: Any, detector: Any, marker: int, corners: FloatArray) -> FloatArray | None:
     """Return the corners (4, 2) of a marker from a crop around it; None if the marker is not detected there."""
     low, high = corners.min(axis=0), corners.max(axis=0)
     extent = float((high - low).max())
@@ -95,7 +95,7 @@ def _refine(image: Any, detector: Any, marker: int, corners: FloatArray) -> Floa
     ratio = np.array(crop.shape[1::-1]) / np.array(image[top:bottom, left:right].shape[1::-1])
     candidates = [
         (square + 0.5) / ratio - 0.5 + (left, top)
-        for other, square in _detect_markers(detector, crop)
+        for other, square in detect_markers(detector, crop)
         if other == marker
     ]
     moves = [float(np.linalg.norm(square - corners, axis=1).max()) for square in candidates]
@@ -191,7 +191,7 @@ class Marker:
             if self.board is not None:
                 columns = self.board[0] - 1  # inner corners
                 shape = {n: self.metres * np.array([n % columns, n // columns, 0.0]) for n in corners}
-            row = _marker_evidence(name, shape, corners, scene)
+            row = marker_evidence(name, shape, corners, scene)
             if row is not None:
                 rows.append(row)
         return tuple(rows) or skipped_evidence(KIND, self.dictionary, "no marker is in two or more images")
@@ -234,7 +234,7 @@ def _dictionary_name(name: str) -> str | None:
     return known.get(name.lower()) or known.get(f"dict_{name.lower()}")
 
 
-def _marker_evidence(
+def marker_evidence(
     name: str, shape: Mapping[int, FloatArray], corners: Mapping[int, Sequence[tuple[int, FloatArray]]], scene: Scene
 ) -> ScaleEvidence | None:
     """Return the evidence of a marker, or None if fewer than three of its corners are in two views.

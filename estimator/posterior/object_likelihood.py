@@ -138,7 +138,8 @@ def measurement_arrays(evidence: Sequence[ObjectEvidence], has_others: bool | No
 def rows(objects: MeasuredArrays) -> ObjectComponents:
     """Return the components of single objects: the covariance of each includes the error of its class."""
     tables = [
-        _table(item.prior, item.pose, code, -1, True) for item, code in zip(objects.evidence, objects.code, strict=True)
+        layout_table(item.prior, item.pose, code, -1, True)
+        for item, code in zip(objects.evidence, objects.code, strict=True)
     ]
     counts = [table.measured.shape[1] for table in tables]
     parts = []
@@ -180,7 +181,7 @@ def has_open_vertical(item: ObjectEvidence) -> bool:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Table:
+class LayoutTable:
     """The part of the r components of an object that does not depend on its sizes: the prior under all variants."""
 
     #: (15, r): mean ln m minus the shift of a truncation (3); packed covariance, 1 on inactive axes (6); activity of
@@ -191,9 +192,9 @@ class _Table:
 
 
 @lru_cache(maxsize=16384)
-def _table(
+def layout_table(
     prior: Prior, pose: str, code: int, vertical_extent: int, is_single: bool, is_mislabelled: bool = False
-) -> _Table:
+) -> LayoutTable:
     """Return the table of a layout.
 
     Parameters
@@ -227,7 +228,7 @@ def _table(
     if is_mislabelled:
         assignments = _with_wide_errors(assignments)
     if not is_single:
-        return _Table(_columns(prior, assignments, None), np.tile(assignments.measured, (len(prior.weights), 1)).T)
+        return LayoutTable(_columns(prior, assignments, None), np.tile(assignments.measured, (len(prior.weights), 1)).T)
     biased = bias_probability(prior)
     plain = assignments.of(~assignments.gross)  # gross errors have no effect on wide components
     parts = [(prior, assignments, prior.disagreement(), 1 - biased, False)]
@@ -238,7 +239,7 @@ def _table(
     for components, cases, error, probability, is_wrong in parts:
         columns = _columns(components, cases, split_error(error, prior_axes(prior)).covariance, is_wrong)
         columns[12] += math.log(probability)
-        tables.append(_Table(columns, np.tile(cases.measured, (len(components.weights), 1)).T))
+        tables.append(LayoutTable(columns, np.tile(cases.measured, (len(components.weights), 1)).T))
     return _concatenated(tables)
 
 
@@ -255,16 +256,16 @@ def _merged(prior: Prior, components: int) -> Prior:
     return replace(prior, weights=weights, means=mixture.means, covariances=mixture.covariances, contexts=())
 
 
-def _concatenated(tables: Sequence[_Table]) -> _Table:
+def _concatenated(tables: Sequence[LayoutTable]) -> LayoutTable:
     """Return the tables of an object as one."""
     columns = np.concatenate([table.columns for table in tables], axis=1)
-    return _Table(columns, np.concatenate([table.measured for table in tables], axis=1))
+    return LayoutTable(columns, np.concatenate([table.measured for table in tables], axis=1))
 
 
 @lru_cache(maxsize=4096)
-def _joined_table(of_object: tuple[Hypothesis, ...], pose: str, code: int) -> tuple[_Table, list[int]]:
+def _joined_table(of_object: tuple[Hypothesis, ...], pose: str, code: int) -> tuple[LayoutTable, list[int]]:
     """Return the tables of an object under several hypotheses as one, and the number of components of each."""
-    tables = [_table(row.prior, pose, code, row.vertical_extent, False, row.is_mislabelled) for row in of_object]
+    tables = [layout_table(row.prior, pose, code, row.vertical_extent, False, row.is_mislabelled) for row in of_object]
     return _concatenated(tables), [table.measured.shape[1] for table in tables]
 
 
@@ -300,13 +301,13 @@ def _columns(
 
 
 def _components(
-    tables: Sequence[_Table], counts: Sequence[int], selected: IntArray, objects: MeasuredArrays
+    tables: Sequence[LayoutTable], counts: Sequence[int], selected: IntArray, objects: MeasuredArrays
 ) -> ObjectComponents:
     """Return the components of e entries.
 
     Parameters
     ----------
-    tables : sequence of _Table
+    tables : sequence of LayoutTable
     counts : (e,) sequence of int
         Number of components of each entry in `tables`.
     selected : (e,) ndarray of int

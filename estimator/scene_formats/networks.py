@@ -92,10 +92,10 @@ def read_network(file: Path, network: NetworkOutput) -> Scene:
         names, warnings = image_names(file, network.images, shape)
         declared = (network.is_world_to_camera, False)
         views, depth = _views(names, poses, maps, intrinsics, *declared)
-        agreement = {declared: _agreement(views, depth)}
+        agreement = {declared: depth_agreement(views, depth)}
         for other in ((is_inverse, is_opengl) for is_inverse in (True, False) for is_opengl in (False, True)):
             if other not in agreement:
-                agreement[other] = _agreement(*_views(names, poses, maps, intrinsics, *other))
+                agreement[other] = depth_agreement(*_views(names, poses, maps, intrinsics, *other))
         best = max(agreement, key=lambda convention: agreement[convention])
         if agreement[best] > agreement[declared] + MIN_AGREEMENT_GAIN:
             found = f"{_convention(*best)} ({agreement[best]:.0%} of the depths agree between views)"
@@ -170,7 +170,7 @@ def _log_ratio(view: View, depth: FloatArray, points: FloatArray) -> FloatArray:
     return ratio
 
 
-def _agreement(views: Sequence[View], depth: FloatArray) -> float:
+def depth_agreement(views: Sequence[View], depth: FloatArray) -> float:
     """Return the mean fraction of points of a view whose depths agree with the map of another, from maps (n, h, w)."""
     n_views = len(views)
     offsets = [offset for offset in (1, 2, 4, 8, 16) if offset < n_views]

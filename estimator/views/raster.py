@@ -67,7 +67,7 @@ def render_view(view: SceneView, width: int = WIDTH, height: int = HEIGHT) -> An
             cv2.line(canvas, *_ends(corners[[a, b]]), colour, 2, cv2.LINE_AA)
     (foot, head), _ = project(view.up.reshape(-1, 3))
     cv2.arrowedLine(canvas, *_ends(np.stack([foot, head])), COLOURS["up"], 2, cv2.LINE_AA, tipLength=0.1)
-    return _with_labels(canvas, view, [(box, project(box.corners)[0]) for box in boxes], head)
+    return with_labels(canvas, view, [(box, project(box.corners)[0]) for box in boxes], head)
 
 
 class _Projection:
@@ -117,7 +117,7 @@ def _ends(line: FloatArray) -> tuple[tuple[int, int], tuple[int, int]]:
     return (a, b), (c, d)
 
 
-def _with_labels(canvas: Any, view: SceneView, boxes: list[tuple[BoxView, FloatArray]], head: FloatArray) -> Any:
+def with_labels(canvas: Any, view: SceneView, boxes: list[tuple[BoxView, FloatArray]], head: FloatArray) -> Any:
     """Return the canvas with the headline and with the labels of the boxes, at positions without overlap.
 
     Parameters

@@ -154,7 +154,7 @@ def test_24_views_have_a_depth_map(n_views: int, n_maps: int, tmp_path: Path, mo
     monkeypatch.setattr(fusion, "pinhole_view", lambda *_: grey)
     monkeypatch.setattr(fusion, "swept_depth", lambda *_: np.full((6, 8), np.nan, dtype=np.float32))
     monkeypatch.setattr(fusion, "fill_planes", lambda depth, _: depth)
-    monkeypatch.setattr(fusion, "_fuse", lambda *_: (np.empty((0, 3)), None, None))
+    monkeypatch.setattr(fusion, "fuse_views", lambda *_: (np.empty((0, 3)), None, None))
     done = []
     scene = Scene(tmp_path, "memory", tuple(views), points)
     assert make_dense_cloud(scene, tmp_path, tmp_path / "a.ply", lambda count, of: done.append((count, of))) == 0

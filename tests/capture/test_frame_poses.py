@@ -161,7 +161,7 @@ def test_at_most_200_frames_wait_for_a_reconstructed_one(
             found.append((len(waiting), before is not None, after is not None))
             return [pose for pose, _ in waiting]
 
-    monkeypatch.setattr(localisation, "_Tracker", Tracker)
+    monkeypatch.setattr(localisation, "FrameTracker", Tracker)
     empty = np.empty((0, 2))
     view = View("a.jpg", CAMERA, np.eye(3), np.zeros(3), empty, np.empty(0, dtype=np.int64))
     grey = np.zeros((4, 4, 3), dtype=np.uint8)
@@ -190,13 +190,13 @@ def test_poses_are_interpolated_over_a_second(times: tuple[float | None, ...], o
         FramePose(9, times[2], "b", "localised", turn, -turn @ [1.0, 0, 0]),
     ]
     view = View("a", CAMERA, np.eye(3), np.zeros(3), np.empty((0, 2)), np.empty(0, dtype=np.int64))
-    tracker = localisation._Tracker(Scene(Path(), "memory", (view,), np.empty((0, 3))), 640)
+    tracker = localisation.FrameTracker(Scene(Path(), "memory", (view,), np.empty((0, 3))), 640)
     pose = FramePose(4, times[1], None, "none")
-    found = tracker._interpolated(pose, ends, None)
+    found = tracker.interpolated(pose, ends, None)
     assert found.origin == origin
     if found.rotation is not None:
         assert found.centre == pytest.approx(np.array([0.4 / 0.95, 0, 0]))
         assert Rotation.from_matrix(found.rotation).magnitude() == pytest.approx(np.radians(30) * 0.4 / 0.95)
-    assert tracker._interpolated(pose, ends[:1], None).origin == "none"
-    assert tracker._interpolated(pose, ends[1:], None).origin == "none"
-    assert tracker._interpolated(ends[0], ends, None) is ends[0]
+    assert tracker.interpolated(pose, ends[:1], None).origin == "none"
+    assert tracker.interpolated(pose, ends[1:], None).origin == "none"
+    assert tracker.interpolated(ends[0], ends, None) is ends[0]

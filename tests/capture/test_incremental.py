@@ -83,7 +83,7 @@ def test_global_mapper_contradicts_a_model_with_a_frame_at_a_wrong_place(
 )
 def test_the_cameras_that_are_tried_in_turn(changes: dict[str, Any], models: list[str], helds: list[bool]) -> None:
     lens = replace(Lens("OPENCV", 500.0, False, 640, 480, free=True), **changes)
-    cameras = mapper._cameras(lens)
+    cameras = mapper.candidate_cameras(lens)
     names = {"A": "OPENCV", "F": "OPENCV_FISHEYE"}
     assert [camera["model"] for camera in cameras] == [names.get(name, name) for name in models]
     assert [camera["held"] for camera in cameras] == helds

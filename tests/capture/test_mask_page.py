@@ -37,6 +37,13 @@ def _scene(folder: Path) -> Scene:
     return Scene(folder, "memory", tuple(views), np.zeros((3, 3)))
 
 
+def end(page: MaskPage) -> None:
+    """Close the socket of a page that was never served."""
+    page.finish()
+    page.end_if_last()
+    page.serve()
+
+
 class _Served:
     """A page that is served in a thread; `document` is its result."""
 
@@ -204,7 +211,7 @@ def test_an_interrupted_drawing_is_kept(served: _Served, tmp_path: Path) -> None
     assert served.request(served.at("save"), body)[0] == 200
     again = MaskPage(frames_to_draw(_scene(tmp_path / "frames"), (tmp_path / "frames",)), [], tmp_path / "d.json")
     assert again.start()["frames"][0]["objects"] == objects
-    again._server.server_close()
+    end(again)
 
 
 def test_a_drawing_of_many_objects_is_kept_again(served: _Served, tmp_path: Path) -> None:
@@ -214,7 +221,7 @@ def test_a_drawing_of_many_objects_is_kept_again(served: _Served, tmp_path: Path
         assert served.request(served.at("save"), json.dumps({"images": images, "done": False})) == (200, "{}")
     again = MaskPage(frames_to_draw(_scene(tmp_path / "frames"), (tmp_path / "frames",)), [], tmp_path / "d.json")
     assert len(again.start()["frames"][0]["objects"]) == 20
-    again._server.server_close()
+    end(again)
 
 
 @pytest.mark.parametrize(

@@ -128,7 +128,7 @@ def test_pictures_that_are_left_out_are_named(tmp_path: Path) -> None:
 def test_a_frame_is_reduced_to_1920_pixels(size: tuple[int, int], written: tuple[int, int], tmp_path: Path) -> None:
     colour = np.zeros((size[1], size[0], 3), dtype=np.uint8)
     video = SimpleNamespace(path=tmp_path / "a.mp4", focal_px=100.0)
-    frame = frames._write_frame(tmp_path, VideoFrame(7, 0.5, colour), video)  # type: ignore[arg-type]
+    frame = frames.write_frame(tmp_path, VideoFrame(7, 0.5, colour), video)  # type: ignore[arg-type]
     assert (frame.name, frame.width, frame.height, frame.time_s) == ("000007.jpg", *written, 0.5)
     assert frame.focal_px == pytest.approx(100 * max(written) / max(size))
     assert cv2.imread(str(tmp_path / frame.name)).shape[:2] == written[::-1]

@@ -26,13 +26,13 @@ def die(now):
     if now == moment:
         os.kill(os.getpid(), signal.SIGKILL)
 
-publish = WorkFolder._publish
+original = WorkFolder.publish
 def counted(work, made, place):
     die(f"before output {seen['publish']}")
-    publish(work, made, place)
+    original(work, made, place)
     seen["publish"] += 1
     die(f"after output {seen['publish'] - 1}")
-WorkFolder._publish = counted
+WorkFolder.publish = counted
 
 def first(part):
     print("first is made")

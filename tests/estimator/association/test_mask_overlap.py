@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from estimator.association.clustering import merge_by_table as _merge_by_points
+from estimator.association.clustering import merge_by_table
 from estimator.association.point_labels import PointLabels
 from estimator.association.proximity import MIN_LARGER_POINTS as MIN_PLACE_POINTS
 from estimator.association.proximity import MIN_SMALLER_POINTS as MIN_LYING_POINTS
@@ -100,12 +100,12 @@ def tracks_by_tables(instances, clouds):
         rows = np.array([row for row, instance in enumerate(instances) if instance.category == category])
         own = np.ix_(rows, rows)
         alone = [[k] for k in range(len(rows))]
-        joined = _merge_by_points(alone, views[rows], shared[own], (smaller + doubt)[own], MIN_JOIN_AFFINITY)
+        joined = merge_by_table(alone, views[rows], shared[own], (smaller + doubt)[own], MIN_JOIN_AFFINITY)
         joined = [[int(rows[k]) for k in group] for group in joined]
         groups += plainly_placed(joined, instances, clouds, shared + doubt, smaller + doubt)
     return sorted(
         tuple(sorted(group))
-        for group in _merge_by_points(groups, views, sums(shared, groups), sums(union, groups), MIN_JOIN_IOU)
+        for group in merge_by_table(groups, views, sums(shared, groups), sums(union, groups), MIN_JOIN_IOU)
     )
 
 

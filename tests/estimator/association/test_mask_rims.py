@@ -204,7 +204,7 @@ def test_rims_have_100_observations_by_other_views(n_observations, is_known, mon
     masks = [Instance(str(view), view, "chair", np.ones((1, 1), dtype=bool), (0, 0)) for view in (0, 1)]
     views = [SimpleNamespace(point_index=np.arange(n)) for _ in masks]
     rims = [np.arange(n_observations), np.arange(n_observations, n)]
-    monkeypatch.setattr(mask_checks, "_border_observations", lambda _, mask: (rims[mask.view], rims[mask.view][:0]))
+    monkeypatch.setattr(mask_checks, "border_observations", lambda _, mask: (rims[mask.view], rims[mask.view][:0]))
     agreement = rim_agreement(views, labels, masks, [(0, 1)])
     assert agreement == pytest.approx((0.2 if is_known else np.nan, np.nan), nan_ok=True, abs=0.01)
 
@@ -214,6 +214,6 @@ def test_the_rim_of_a_mask_is_two_pixels_wide_or_wider(side, n_rim):
     """A tenth of the side: masks with a rim of a pixel are not compared. Keypoints in the rim, inside and outside."""
     mask = Instance("1", 0, "chair", np.ones((side, side), dtype=bool), (10, 10))
     keypoints = np.array([[10.5, 18.0], [11.9, 18.0], [13.5, 18.0], [9.5, 18.0], [6.0, 18.0]])
-    rim, outside = mask_checks._border_observations(SimpleNamespace(keypoints=keypoints), mask)
+    rim, outside = mask_checks.border_observations(SimpleNamespace(keypoints=keypoints), mask)
     assert rim.tolist() == [0, 1][:n_rim]
     assert outside.tolist() == [3] * bool(n_rim)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_array
 
-from estimator.association.point_labels import PointLabels, _is_at_object, dense_labels, point_votes, sparse_labels
+from estimator.association.point_labels import PointLabels, dense_labels, is_at_object, point_votes, sparse_labels
 from estimator.association.point_labels import pixels_in_masks as view_labels
 from estimator.projection.visibility import project_unoccluded
 from estimator.records.scene import Camera, DenseCloud, Instance, Scene, View
@@ -203,4 +203,4 @@ def test_the_depth_of_a_box_is_that_of_its_central_half(offset, is_part):
     pixels = np.array([[100.0, 100.0], [101.0, 101.0], *[[100.0 + offset, 100.0]] * 3])
     depths = np.array([1.0, 1.0, 5.0, 5.0, 5.0])  # a median of 5 with the other points, and of 1 without
     points = SimpleNamespace(depths=depths, pixels=pixels)
-    assert _is_at_object(points, np.arange(5), box, camera).tolist() == [not is_part] * 2 + [is_part] * 3
+    assert is_at_object(points, np.arange(5), box, camera).tolist() == [not is_part] * 2 + [is_part] * 3

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from estimator.association import clustering
-from estimator.association.clustering import merge_by_table as _merge_by_points
+from estimator.association.clustering import merge_by_table
 from estimator.association.clustering import merge_in_rounds as merge_linked
 from estimator.association.point_labels import PointLabels, dense_labels, sparse_labels
 from estimator.association.tracks import incremental_tracks, shared_tracks, voted_category
@@ -160,7 +160,7 @@ def test_the_kept_partners_give_what_looking_at_all_pairs_gives(seed, count, sha
     under = over * random.uniform(1, 4, (count, count))
     under += under.T
     plain = plainly_merged(views, over, under, share)
-    quick = _merge_by_points([[row] for row in range(count)], views, over.copy(), under.copy(), share)
+    quick = merge_by_table([[row] for row in range(count)], views, over.copy(), under.copy(), share)
     assert sorted(sorted(group) for group in quick) == plain
 
 

@@ -77,7 +77,7 @@ def test_categories_of_one_size_have_a_mixture(monkeypatch: pytest.MonkeyPatch) 
     tree = metric_tree.open()
     for name in ONE_SIZE:
         node = tree.node(name)
-        mixture, _ = paper._node_mixture.__wrapped__(node, node.prior().dims)  # without the cache
+        mixture, _ = paper.node_mixture.__wrapped__(node, node.prior().dims)  # without the cache
         assert _has_spread(mixture), name
 
 
@@ -125,7 +125,7 @@ def test_every_category_with_a_prior_has_a_mixture(
     with threadpool_limits(1):  # threads of BLAS cost more than the matrices of 3 x 3
         for name in names[part::N_PARTS]:
             node = tree.node(name)
-            mixture, _ = paper._node_mixture.__wrapped__(node, node.prior().dims)
+            mixture, _ = paper.node_mixture.__wrapped__(node, node.prior().dims)
             assert _has_spread(mixture), name
 
 
@@ -284,7 +284,7 @@ def test_the_baselines_have_no_jacobian(mini: Tree, monkeypatch: pytest.MonkeyPa
     by_box = sucar_result(scene, [instance], mini, EstimateOptions(method="sucar"))
     assert by_box.modes[0].scale == pytest.approx(1.25, rel=0.01)
     wide = PaperMixture(("height",), np.ones(1), np.array([[1000.0]]), np.array([[[300.0**2]]]))
-    monkeypatch.setattr(paper, "_node_mixture", lambda *_: (wide, False))
+    monkeypatch.setattr(paper, "node_mixture", lambda *_: (wide, False))
     by_paper = paper_result([_object("1", "bar stool", (0.5, 0.5, 0.8))], mini, EstimateOptions(method="paper"))
     assert by_paper.modes[0].scale == pytest.approx(1.25, rel=0.01)
 
@@ -292,4 +292,4 @@ def test_the_baselines_have_no_jacobian(mini: Tree, monkeypatch: pytest.MonkeyPa
 @pytest.mark.parametrize(("eta", "names"), [(0.71, ("length", "width", "height")), (0.69, ("length", "width"))])
 def test_a_dimension_has_a_confidence_of_70_percent(eta: float, names: tuple[str, ...]) -> None:
     mixture = PaperMixture(("length", "width", "height"), np.ones(1), np.ones((1, 3)), np.eye(3)[None])
-    assert paper._plausible(_object("a", "desk", (1.0, 0.5, 0.7), (1, 1, eta)), mixture)[0] == names
+    assert paper.plausible_dimensions(_object("a", "desk", (1.0, 0.5, 0.7), (1, 1, eta)), mixture)[0] == names

@@ -374,7 +374,7 @@ def test_outputs_of_different_lengths_are_one_line(name: str, tmp_path: Path, mo
         "boxes": np.ones((2, 4)), "labels": np.ones(2, dtype=int), "scores": np.ones(2), "masks": np.ones((2, 1, 4, 4)),
     }  # fmt: skip
     seen = load_detector(constant_graph(tmp_path / "a.onnx", 2))
-    monkeypatch.setattr(detector, "_run_graph", lambda *_: list(found.values()))
+    monkeypatch.setattr(detector, "run_graph", lambda *_: list(found.values()))
     assert len(seen(np.zeros((48, 64, 3), dtype=np.uint8)).masks) == 2
     found[name] = found[name][:, :3] if name == "boxes" else found[name][:1]
     with pytest.raises(InputError, match=r"outputs: expected boxes \(n, 4\)"):
@@ -395,19 +395,19 @@ def test_outputs_of_different_lengths_are_one_line(name: str, tmp_path: Path, mo
 def test_scores_of_an_image(scores: list[float], message: str | None) -> None:
     graph: Any = SimpleNamespace(path="a.onnx")
     with nullcontext() if message is None else pytest.raises(InputError, match=message):
-        Detector._check_scores(graph, np.array(scores))
+        Detector.check_scores(graph, np.array(scores))
 
 
 @pytest.mark.parametrize(("value", "is_inside"), [(0.49, False), (0.51, True)])
 @pytest.mark.parametrize("size", [(4, 4), (8, 6)])
 def test_a_pixel_of_a_mask_has_a_value_of_a_half(size: tuple[int, int], value: float, is_inside: bool) -> None:
     masks = np.full((1, 1, 4, 4), value)
-    assert (detector._full_size_mask(masks, 0, size) == is_inside).all()
-    assert (detector._pasted_mask(masks, np.array([[0.0, 0, *size]]), 0, size) == is_inside).all()
+    assert (detector.full_size_mask(masks, 0, size) == is_inside).all()
+    assert (detector.pasted_mask(masks, np.array([[0.0, 0, *size]]), 0, size) == is_inside).all()
 
 
 @pytest.mark.parametrize(("right", "n_pixels"), [(4.0, 16), (79.0, 32), (81.0, 0), (-79.0, 0)])
 def test_a_box_is_within_ten_sides_of_the_image(right: float, n_pixels: int) -> None:
     """MAX_BOX_DISTANCE for an image of 8 x 4 pixels: boxes beyond 80 pixels are nowhere."""
     box = np.array([[0.0 if right > 0 else right - 0.5, 0.0, right, 4]])
-    assert int(detector._pasted_mask(np.ones((1, 1, 4, 4)), box, 0, (8, 4)).sum()) == n_pixels
+    assert int(detector.pasted_mask(np.ones((1, 1, 4, 4)), box, 0, (8, 4)).sum()) == n_pixels

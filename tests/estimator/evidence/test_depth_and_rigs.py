@@ -324,7 +324,7 @@ def test_the_map_of_a_view(name: str, files: list[str], found: str | None, tmp_p
         (tmp_path / "maps" / file).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / "maps" / file).touch()
     (tmp_path / "b.npy").touch()  # outside of the folder
-    assert depth_maps._file(tmp_path / "maps", name) == (None if found is None else tmp_path / "maps" / found)
+    assert depth_maps.map_file(tmp_path / "maps", name) == (None if found is None else tmp_path / "maps" / found)
 
 
 def test_a_file_of_a_view_has_one_map(walk: Walk, nothing: Measurements, tmp_path: Path) -> None:

@@ -136,11 +136,11 @@ def test_a_marker_determines_the_scale_within_a_factor(
     monkeypatch.setattr(markers, "triangulate", lambda views, *_: np.array([float(len(views)), 0, 0]))
     monkeypatch.setattr(markers, "align", lambda *_: SimpleNamespace(sd_log=sd_log, scale=2.0))
     seen = {corner: [(0, np.zeros(2)), (1, np.zeros(2))] for corner in range(4)}
-    row = markers._marker_evidence("7", dict.fromkeys(range(4), np.zeros(3)), seen, walk.scene)
+    row = markers.marker_evidence("7", dict.fromkeys(range(4), np.zeros(3)), seen, walk.scene)
     assert (row is not None) == is_used
     assert row is None or row.sd_log == pytest.approx(np.hypot(sd_log, 0.005))
     few = {corner: seen[corner] for corner in range(2)}
-    assert markers._marker_evidence("7", dict.fromkeys(range(4), np.zeros(3)), few, walk.scene) is None
+    assert markers.marker_evidence("7", dict.fromkeys(range(4), np.zeros(3)), few, walk.scene) is None
 
 
 @pytest.mark.parametrize(("move", "is_found"), [(0.0, True), (9.0, True), (11.0, False)])
@@ -149,8 +149,8 @@ def test_a_corner_moves_by_a_fifth_of_the_marker(move: float, is_found: bool, mo
     corners = 40 + np.array([[0.0, 0], [50, 0], [50, 50], [0, 50]])
     monkeypatch.setattr(markers, "MIN_CROP_SIDE_PX", 50.0)
     found = [(7, corners - (25, 25) + (move, 0)), (8, corners)]  # the margin of the crop is 15 pixels
-    monkeypatch.setattr(markers, "_detect_markers", lambda *_: found)
-    refined = markers._refine(np.zeros((150, 150), dtype=np.uint8), None, 7, corners)
+    monkeypatch.setattr(markers, "detect_markers", lambda *_: found)
+    refined = markers.refined_corners(np.zeros((150, 150), dtype=np.uint8), None, 7, corners)
     assert (refined is not None) == is_found
     assert refined is None or refined == pytest.approx(np.add(corners, [move, 0]))
 

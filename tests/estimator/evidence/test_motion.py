@@ -256,7 +256,7 @@ def test_windows_of_ten_seconds_overlap_by_half(
     seconds: float, starts: list[float], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     found: list[float] = []
-    monkeypatch.setattr(imu, "_window", lambda _force, _rate, _path, start: found.append(start))
+    monkeypatch.setattr(imu, "time_window", lambda _force, _rate, _path, start: found.append(start))
     times = np.arange(0, seconds + 0.01, 0.02)
     readings = Samples(times, np.ones((len(times), 3)))
     assert "no stretch" in str(inertial_scale(readings, readings, CameraPath(times, np.zeros((len(times), 3)))))

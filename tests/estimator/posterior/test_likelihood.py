@@ -33,10 +33,10 @@ def no_gross_errors(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """The plain mixture: dimensions are cut or measured as their sigma states."""
     monkeypatch.setattr(axis_assignments, "GROSS_ERROR_PROBABILITY", 0.0)
     variants.cache_clear()
-    object_likelihood._table.cache_clear()
+    object_likelihood.layout_table.cache_clear()
     yield
     variants.cache_clear()
-    object_likelihood._table.cache_clear()
+    object_likelihood.layout_table.cache_clear()
 
 
 def _density(of: Prior, y: FloatArray, u: float, order: tuple[int, ...], sigma: float) -> float:

@@ -249,8 +249,8 @@ def test_depths_of_two_maps_agree(log_ratio: float, agreement: float, n_views: i
     views = [View(name, camera, np.eye(3), np.zeros(3), np.empty((0, 2)), np.empty(0, np.int64)) for name in "ab"]
     depth = np.full((2, 10, 20), 2.0)
     depth[1] *= np.exp(log_ratio)
-    assert networks._agreement(views, depth) == agreement
-    assert networks._agreement(views[:1], depth[:1]) == 0
+    assert networks.depth_agreement(views, depth) == agreement
+    assert networks.depth_agreement(views[:1], depth[:1]) == 0
     cloud = depth_cloud(views, depth)
     assert cloud.visible_offsets is not None
     assert set(np.diff(cloud.visible_offsets).tolist()) == {n_views}

@@ -132,6 +132,6 @@ def test_labels_have_a_gap_of_nine_pixels(monkeypatch):
     for n_lines in range(1, 9):
         drawn.clear()
         box = replace(view.boxes[0], title="a", sizes="b\n" * n_lines)
-        raster._with_labels(canvas, view, [(box, corners)] * 2, np.zeros(2))
+        raster.with_labels(canvas, view, [(box, corners)] * 2, np.zeros(2))
         (_, first, _, bottom), (_, second, _, _) = drawn
         assert second - first == 8 * np.ceil((bottom - first - 8 + 9) / 8)

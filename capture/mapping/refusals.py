@@ -1,7 +1,7 @@
 """Refusals of captures: codes with advice, and the tests that refuse the frames or a model.
 
-Each test compares a statistic of this capture with its standard error or with a limit that constructed errors exceed;
-docs/explanation/capture.md lists the tests, the errors that they guard against, and their rates.
+Each test compares a statistic of the capture with its standard error, or with a limit that only captures with a
+constructed error exceed. docs/explanation/capture.md lists the tests, the errors that they detect, and their rates.
 """
 
 from __future__ import annotations
@@ -14,8 +14,9 @@ from capture.mapping.match_graph import MatchGraph
 from capture.mapping.model_metrics import ModelMetrics
 from capture.mapping.triplets import MAX_PART_RATIO
 
-#: Focal length over the longer side before anything is known: a telephone's main camera while recording. Its 24 to 28
-#: mm (of 35 mm film) are 0.69 to 0.81 of the longer side of a photograph, and a video is cropped by a tenth or so.
+#: Assumed focal length of an unknown camera, relative to the longer side of the image: that of the main camera of a
+#: telephone in a video. Its 24 to 28 mm (in terms of 35 mm film) are 0.69 to 0.81 of the longer side of a photograph,
+#: and a video is cropped by about a tenth.
 TYPICAL_FOCAL = 0.85
 #: Advice by code; the message of a failure begins with the observation.
 ADVICE = {
@@ -34,51 +35,57 @@ ADVICE = {
     "out_of_time": "give more time with --max-time, or use fewer frames with --frames",
 }
 CODES = tuple(ADVICE)
-#: Minimum number of frames: five frames of a room gave two placed images, or a focal length with an error of 10 %.
+#: Minimum number of frames. From five frames of a room, the mapper placed only two images, or found a focal length with
+#: an error of 10 %.
 MIN_FRAMES = 6
-#: Maximum motion of a static camera, relative to the longer side. On a tripod it is 0.000; thirty steps ahead through
-#: a wide lens (`walk_carpark`) have 0.015, far and near features together.
+#: Maximum motion of the image of a static camera, relative to the longer side. It is 0.000 on a tripod, and 0.015 for
+#: thirty steps ahead with a wide lens (`walk_carpark`), over near and distant features.
 MAX_STATIC_MOTION = 0.005
 #: Minimum number of features per frame; an ordinary image has a thousand.
 MIN_KEYPOINTS = 150
-#: Minimum steepness of edges in the least and the steepest direction. Sharp rooms have 0.19 and 0.22, a motion blur of
-#: a fortieth of the width 0.10 and 0.17, a plain room 0.02 and 0.35.
+#: Minimum steepness of edges in the direction in which they are least steep, and in the direction in which they are
+#: steepest. Frames of a sharp room have 0.19 and 0.22, with a motion blur of a fortieth of the width 0.10 and 0.17, and
+#: frames of a plain room 0.02 and 0.35. Frames are blurred if both values are below their minimum.
 MIN_EDGE_STEEPNESS = (0.12, 0.19)
-#: Minimum ratio of the moving pairs that a rotation explains: a turn on the spot 0.99, a walk through a room 0.05.
+#: Minimum fraction of the moving pairs of frames that a rotation of the camera explains, for a refusal. It is 0.99 for
+#: a turn on the spot and 0.05 for a walk through a room.
 MIN_ROTATION_RATIO = 0.6
-#: Minimum ratio of the frames that a usable model contains, exclusive.
+#: Fraction of the frames of which a usable model contains more.
 MIN_PLACED_RATIO = 0.5
-#: Minimum ratio of placed frames of a model that needs no other lens and no other strategy.
+#: Minimum fraction of placed frames of a model for which no other lens and no other strategy are tried.
 MIN_WHOLE_RATIO = 0.8
-#: Maximum `focal_deviation`. Synthetic videos: walks round objects 0.008, straight ahead with a hand that sways by 2
-#: degrees 0.02, by 0.3 degrees 0.07, by none 0.5 and more. The errors are as large: 0.003, 0.01, 0.07, 0.4 to 0.8.
+#: Maximum `ModelMetrics.focal_deviation`. In synthetic videos it is 0.008 for walks round objects; for walks straight
+#: ahead it is 0.02 with a camera that sways by 2 degrees, 0.07 with 0.3 degrees, and 0.5 or more without. The errors of
+#: the focal length in the same order are 0.003, 0.01, 0.07, and 0.4 to 0.8.
 MAX_FOCAL_STD = 0.1
-#: Minimum `focal_change` of a zoom, absolute and in multiples of its standard error. Aerial images from above have
-#: frames that differ by 1 to 2 % at random; a zoom of 30 % during a walk is found as 31 % with an error of 0.2 %, and
-#: the shared focal length is wrong by 13 to 23 %.
+#: Minimum `ModelMetrics.focal_change` of a zoom, absolute and in multiples of its standard error. The focal lengths of
+#: aerial images differ by 1 to 2 % at random. A zoom of 30 % during a walk is estimated as 31 % with a standard error
+#: of 0.2 %, and the shared focal length is wrong by 13 to 23 %.
 MIN_ZOOM, MIN_ZOOM_ERRORS = 0.1, 4.0
-#: `focal_spread` with a warning: with all furniture moving by 3 cm a frame it is 0.0039, and the error 12 %. Of 68
-#: right models of real sets and their parts 6 have more.
+#: Value of `ModelMetrics.focal_spread` above which there is a warning. If all furniture moves by 3 cm between frames,
+#: it is 0.0039 and the focal length is wrong by 12 %. Of 68 right models of real sets and their parts, 6 exceed it.
 MIN_WARNED_FOCAL_VARIATION = 0.0035
-#: `focal_deviation` with a warning, and the ratio of the error to it: the models above have errors of 7 % (root mean
-#: square; at most 15 %) at 3.4 % on average.
+#: Value of `focal_deviation` above which there is a warning, and ratio of the actual error to it. Models above this
+#: value have errors of 7 % (root mean square; at most 15 %) with a `focal_deviation` of 3.4 % on average.
 MIN_WARNED_FOCAL_STD, FOCAL_ERROR_RATIO = 0.02, 2.0
 #: Maximum displacement of the corners by the distortion, relative to the longer side, of a lens that is no fisheye.
 MAX_BEND = 0.2
 #: Maximum ratio of the focal lengths across and down; pixels are square, and right models differ by up to 3 %.
 MAX_ASPECT = 1.05
-#: Maximum change of the focal length from the camera model of the user to one that fits significantly better. Two wrong
-#: lenses (`SIMPLE_PINHOLE` with distortion, a fisheye as `SIMPLE_RADIAL`) have 11 to 18 %, and the other model the
-#: true focal length within 0.3 %.
+#: Maximum relative change of the focal length from the camera model that the user gave to one that fits significantly
+#: better. For two wrong models (`SIMPLE_PINHOLE` for a lens with distortion, `SIMPLE_RADIAL` for a fisheye) it is 11 to
+#: 18 %, and the better model has the true focal length within 0.3 %.
 MAX_MODEL_FOCAL_CHANGE = 0.05
-#: Minimum `residual_pattern` at which camera models are compared: a wide lens under SIMPLE_RADIAL has 0.16, phones
-#: 0.02.
+#: Minimum `residual_pattern` at which camera models are compared. A wide lens modelled as SIMPLE_RADIAL has 0.16,
+#: phones 0.02.
 MIN_COMPARED_PATTERN = 0.06
-#: `residual_pattern` with a warning; the right camera model has up to 0.09 in short rendered videos.
+#: Value of `residual_pattern` above which there is a warning; the right camera model has up to 0.09 in short rendered
+#: videos.
 MIN_WARNED_PATTERN = 0.12
-#: Maximum ratio of triplets that a model contradicts, and minimum number of broken frames of a wrong model. On the
-#: matches of `lund_street` right models have none above 2 px, wrong ones 33 to 74 %. A walk of which 25 frames were
-#: four times too large (`walk_carpark`) had six broken frames, 55 right models none.
+#: Maximum fraction of triplets of frames that contradict a model, and minimum number of broken frames of a wrong model.
+#: With the matches of `lund_street`, right models have no contradicting triplets (above 2 px), and wrong ones 33 to 74
+#: %. A model of `walk_carpark` in which 25 frames were four times too large had six broken frames, and 55 right models
+#: had none.
 MAX_CONTRADICTED_RATIO, MIN_BROKEN_FRAMES = 0.05, 2
 #: Maximum standard deviation of the steps to a placed frame, relative to their length. At the end of `snow_walk` five
 #: frames see only distant points in common: their steps have 0.11 to 0.18 and are wrong by a factor of two, whereas no

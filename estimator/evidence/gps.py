@@ -1,7 +1,7 @@
 """Estimate the scale from positions of the cameras in metres: GPS of images (EXIF) or of a video, or a table.
 
-The cameras are aligned with their positions by a robust similarity. It is rejected if the path is short relative to the
-residual, if most positions are outliers, or if the positions are no similar copy of the path: stretched in one
+A robust similarity aligns the cameras with their positions. It is rejected if the path is short relative to the
+residual, if most positions are outliers, or if the positions have another shape than the path: stretched in one
 direction (degrees used as metres, exchanged columns) or with another vertical.
 """
 
@@ -34,13 +34,15 @@ from metric_base.rectangles import place_at
 KIND, VIDEO_KIND = "gps", "gps_video"
 #: Maximum time in seconds between the frames of a video without a gap in its path.
 MAX_GAP_S = 1.0
-#: Maximum median speed in m/s of a recording; an airliner flies at 280 m/s with the wind, and a walk of 1.4 m/s becomes
-#: 1,400 m/s if millimetres are read as metres. Speeds that are too low belong to paths that are too short.
+#: Maximum median speed in m/s of a recording. An airliner flies at 280 m/s with the wind, and a walk at 1.4 m/s has
+#: 1,400 m/s if millimetres are read as metres. A minimum is not needed, because too slow recordings have too short
+#: paths.
 MAX_SPEED_M_S = 350.0
-#: Minimum fraction of the frames in the time of the positions. A log of half the frames has ended early, or its times
-#: are not in seconds, so that the scale is wrong by their factor on a straight path.
+#: Minimum fraction of the frames within the time range of the positions. If a log covers only half of the frames, it
+#: ended early, or its times are not in seconds; then the scale of a straight path is wrong by the factor of the unit.
 MIN_COVERED_FRACTION = 0.75
-#: Time in seconds between the positions from which a speed is computed: the errors of a receiver in it are small.
+#: Time in seconds between the positions from which a speed is computed; within it, the errors of a receiver hardly
+#: change.
 SPEED_LAG_S = 1.0
 #: Maximum standard deviation of the log scale; objects determine it better.
 MAX_LOG_SD = 0.2
@@ -48,7 +50,8 @@ MAX_LOG_SD = 0.2
 MAX_COORDINATE = 1e9
 #: Equatorial radius of the earth in metres (WGS 84).
 EARTH_RADIUS_M = 6_378_137.0
-#: Maximum deviation of a geocentric position from it: 0.34 % of the flattening, and aeroplanes.
+#: Maximum relative deviation of a geocentric position from this radius: 0.34 % by the flattening, and the rest for the
+#: height of aeroplanes.
 MAX_GEOCENTRIC_DEVIATION = 0.01
 #: Maximum coordinate in metres of a local frame; beyond it, the coordinates belong to a map projection.
 MAX_LOCAL_M = 1e5
@@ -74,7 +77,7 @@ DRIFT_FRACTION = 0.1
 END_TO_END = 0.41
 #: Number of images that are searched for GPS without a request.
 N_PROBED_IMAGES = 5
-#: Minimum number of positions; fewer fit any path.
+#: Minimum number of positions; a similarity fits fewer positions to any path.
 MIN_POSITIONS = 4
 #: Minimum extent of a path relative to the residual of its alignment.
 MIN_EXTENT_RESIDUALS = 3.0

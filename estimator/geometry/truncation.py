@@ -1,8 +1,8 @@
-"""Find the truncated sides of an object, which no view shows to their end, so that an extent may be too small.
+"""Find the truncated sides of an object: sides whose end no view shows, so that an extent may be too small.
 
-The confidence eta of the paper does not detect them: an object is dense where the border of the image truncates it. A
-view shows a side completely if the outline of the mask on that side is neither at the border of the image nor at
-something closer, or if the view faces the side.
+The confidence eta of the paper does not detect truncation, because an object has many points even at the border of the
+image. A view shows a side completely if it faces the side, or if the outline of the mask on that side is neither at the
+border of the image nor at an occluder.
 """
 
 from __future__ import annotations
@@ -27,25 +27,25 @@ OUTER_FRACTION = 0.12
 # Error of an outline relative to the diagonal of the mask, at least `BORDER_PX`: networks compute masks at a quarter of
 # the resolution.
 BORDER_FRACTION = 0.02
-# Minimum fraction of the outermost part at the border of the image or at an occluder, for a truncated side. A corner
-# that touches them does not truncate the side.
+# Minimum fraction of the outermost part that is at the border of the image or at an occluder, for a truncated side. If
+# only a corner touches them, the side is not truncated.
 MIN_CUT_FRACTION = 0.25
-# Minimum sine of the angle between an axis and the line of sight at which the outline shows its ends (17 degrees). A
-# side that faces away from the camera by more than this sine is outlined by the top only.
+# Minimum sine of the angle between an axis and the line of sight (17 degrees) at which the outline shows the ends of
+# the axis. If a side faces away from the camera by more than this angle, only the top can outline it.
 MIN_VISIBLE_SINE = 0.3
-# Minimum sine of this angle at which the excess of the mask over the points is measured; below it, other axes
-# contribute.
+# Minimum sine of the same angle at which the excess of the mask over the points is measured. At smaller angles, the
+# other axes contribute to the excess.
 MIN_EXCESS_SINE = 0.7
-# A side that faces away from the camera is outlined by the top if it is the top that is next to it: at least
-# `MIN_TOP_FRACTION` of the points in the outer `END_BAND` of the side are in the upper `TOP_BAND` of the height. The
-# points of the wall of a round object are at all heights.
+# The top outlines a side that faces away from the camera if at least `MIN_TOP_FRACTION` of the points in the outer
+# `END_BAND` next to the side are in the upper `TOP_BAND` of the height. The points on the wall of a round object are at
+# all heights, so that its sides have no such outline.
 END_BAND = 0.125
 TOP_BAND = 0.25
 MIN_TOP_FRACTION = 0.5
-# Minimum horizontal extent, relative to the height, of an object whose top is seen as such: the points of a front, of
-# which an occluder hides the lower part, are in the upper band of a narrow box too. Of 18 extents of rooms (seeds 1000
-# to 1003) at whose ends no mask is compared with the points, five of seven below it are 26 to 75 % too small, and one
-# of eleven above it.
+# Minimum horizontal extent, relative to the height, of an extent that the top outlines. In a narrower box, the points
+# in the upper band may be on a front whose lower part is occluded. Of 18 extents in rooms (seeds 1000 to 1003) at whose
+# ends no mask is compared with the points, seven are below this value and eleven above it; five of the seven and one of
+# the eleven are 26 to 75 % too small.
 MIN_TOP_ASPECT = 0.5
 # Minimum distance of an occluder in front of the object, relative to its diagonal.
 MIN_OCCLUDER_DISTANCE = 0.1
@@ -54,8 +54,8 @@ MIN_OCCLUDER_DISTANCE = 0.1
 MIN_OCCLUDER_HEIGHT = 0.1
 # Minimum number of views that show a side: a point is triangulated from two views.
 MIN_COMPLETE_VIEWS = 2
-# Minimum median excess of the masks over the points at a side, relative to the extent and in addition to the error of
-# the outline, for a part that was not reconstructed: twice the standard deviation of the extent rule.
+# Minimum median excess of the masks over the points at a side of which a part was not reconstructed, relative to the
+# extent and after subtraction of the error of the outline. It is twice the standard deviation of the extent rule.
 MIN_EXCESS_FRACTION = 0.06
 
 
@@ -74,12 +74,12 @@ class SideVisibility:
 
     is_shown: BoolArray  #: (v, 3, 2) the view shows the side to its end.
     excess: FloatArray  #: (v, 3, 2) excess of the mask over the points, relative to the extent; NaN if unknown.
-    #: (3,) the extent is truncated unless enough views compare masks and points at one of its ends.
+    #: (3,) extents that are truncated unless enough views compare masks and points at one end.
     needs_excess: BoolArray = field(default_factory=lambda: np.zeros(3, dtype=bool))
 
     @property
     def median_excess(self) -> FloatArray:
-        """(3, 2) median excess over the views; NaN if it is known in fewer than `MIN_COMPLETE_VIEWS` and not in all."""
+        """(3, 2) median excess over the views; NaN if fewer than `MIN_COMPLETE_VIEWS`, and not all, have a value."""
         is_known = np.isfinite(self.excess).sum(axis=0) >= min(MIN_COMPLETE_VIEWS, len(self.excess))
         filled = np.where(is_known, self.excess, 0.0)
         return np.where(is_known, np.nanmedian(filled, axis=0), np.nan)
@@ -88,9 +88,9 @@ class SideVisibility:
     def truncated(self) -> BoolArray:
         """(3, 2) sides that too few views show, or where the masks exceed the points.
 
-        An extent that `needs_excess` is truncated on both sides if too few views compare the masks with the points at
-        either of them: they look along it, or it is occluded there. Of a washing machine between cupboards, only the
-        front has points, and its depth is too small.
+        An extent with `needs_excess` is truncated on both sides if too few views compare the masks with the points at
+        either end, because they look along the axis or the end is occluded. For example, only the front of a washing
+        machine between cupboards has points, so that its measured depth is too small.
         """
         n_views = min(MIN_COMPLETE_VIEWS, len(self.is_shown))
         is_short: BoolArray = np.nan_to_num(self.median_excess) > MIN_EXCESS_FRACTION
@@ -132,7 +132,7 @@ def side_visibility(
     centre = (low + high) / 2 @ axes
     normals = np.stack([-axes, axes], axis=1)  # (3, 2, 3) outward
     sampled = evenly_spaced(points, MAX_OBJECT_POINTS)
-    # Whether the points next to a vertical side are those of the top; True for top and bottom.
+    # (3, 2) whether most points next to a vertical side are on the top; True for top and bottom.
     position = ((points @ axes.T) - low) / np.maximum(high - low, np.finfo(float).tiny)
     is_top = position[:, 2] > 1 - TOP_BAND
     ends_on_top = np.ones((3, 2), dtype=bool)
@@ -167,7 +167,7 @@ def _cut_and_excess(
     box: tuple[FloatArray, FloatArray, FloatArray],
     points: FloatArray,
 ) -> tuple[BoolArray, FloatArray]:
-    """Return (3, 2) whether the outline towards each side is truncated, and its excess over the points (n, 3) there.
+    """Return whether the outline towards each side is truncated (3, 2), and its excess over the points (n, 3) there.
 
     The outline is truncated by the border of the image or by an occluder. The excess is relative to the extent.
     """

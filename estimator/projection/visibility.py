@@ -23,25 +23,26 @@ from estimator.projection.cameras import PINHOLES, project
 from estimator.records.scene import Camera, DenseCloud, Scene, View
 from metric_base.arrays import BoolArray, FloatArray, IntArray, evenly_spaced
 
-#: Weight of a rotation by one radian in the distance between two views; a translation by the extent of all cameras has
-#: the weight 1.
+#: Weight of a rotation by one radian in the distance between two views, relative to a translation by the extent of all
+#: cameras.
 ROTATION_WEIGHT = 1.0
-#: Expected number of points of a surface in a cell of the depth buffer. With fewer, points behind the surface show
-#: through empty cells; with 8, a cell is empty once in 3,000 (Poisson).
+#: Expected number of points of a surface in a cell of the depth buffer. A point behind the surface is not occluded in
+#: an empty cell; with 8 expected points, one cell in 3,000 is empty (Poisson).
 EXPECTED_POINTS_PER_CELL = 8
-#: Minimum and maximum number of cells along the longer image side. Below 24, an object covers a cell or two; above 320,
-#: a cell is two pixels of a video frame, which is finer than the dense clouds in use.
+#: Minimum and maximum number of cells along the longer image side. With fewer than 24 cells, an object covers a cell or
+#: two; with more than 320, a cell is less than two pixels of a small video frame, which is finer than the spacing of
+#: dense clouds.
 CELLS_PER_SIDE_RANGE = (24, 320)
 #: Maximum relative depth difference between a visible point and the nearest point of its cell. Surfaces at 20 degrees
 #: to the line of sight change their depth by about this much within a cell.
 DEPTH_TOLERANCE = 0.03
-#: Cotangent of the smallest angle between line of sight and surface, 20 degrees, at which one surface may fill a cell.
-#: Cells of a cloud of a few thousand points are so coarse that the far side of an object would otherwise be occluded
-#: by its near side.
+#: Cotangent of the smallest angle (20 degrees) between the line of sight and a surface whose points in one cell do not
+#: occlude each other. The cells of a cloud of a few thousand points are so coarse that the near side of an object would
+#: otherwise occlude its far side.
 MAX_SLANT_COTANGENT = 2.75
 #: Number of cells of a depth image along the image width. Empty cells are treated as empty space.
 DEPTH_IMAGE_WIDTH = 160
-#: Number of points that are projected at once; their coordinates fit into the cache of a core.
+#: Number of points that are projected at once; their coordinates fit into the cache of a processor core.
 BLOCK_POINTS = 8192
 #: Maximum number of points that are drawn into a depth image.
 MAX_DEPTH_POINTS = 20_000

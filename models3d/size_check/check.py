@@ -20,11 +20,11 @@ from models3d.size_check.true_size import TrueSize, true_size
 
 SCHEMA = "metric-tree/asset/1"
 Verdict = Literal["right", "wrong unit", "arbitrary scale", "turned", "stretched", "miniature", "not known"]
-#: Minimum total probability of the wrong scales for a verdict that the scale is wrong. It was chosen on half of the
-#: categories, where fewer than one correct model in thirty is called wrong (docs/evidence/model-sizes.md).
+#: Minimum probability that the scale is wrong, summed over all wrong scales, for such a verdict. It was chosen on half
+#: of the categories so that fewer than one correct model in thirty has this verdict (docs/evidence/model-sizes.md).
 MIN_WRONG = 0.6
-#: Minimum probability of another orientation for the verdict `turned`. It is high because the size of an open
-#: laptop or a book on edge is right.
+#: Minimum probability of another orientation for the verdict `turned`. It is high because an open laptop or a book on
+#: edge has the extents of a turned object, although its size is right.
 MIN_ROTATED = 0.8
 #: Minimum probability of a stretched side for the verdict `stretched`. Thin objects and open lids are not stretched.
 MIN_STRETCHED = 0.95

@@ -14,45 +14,32 @@ also accepts a `pycolmap.Reconstruction`, and `read_instances` accepts masks as 
 
 from __future__ import annotations
 
-import warnings
-from importlib import import_module
 from typing import TYPE_CHECKING
 
 from metric_base.lazy_names import lazy_names
 
 if TYPE_CHECKING:
-    from estimator.instances.instance_reader import read_instances
-    from estimator.pipeline import estimate_scale, estimate_scene, measure_objects
-    from estimator.reconstructions.scene_reader import read_scene
-    from estimator.records.objects import MeasuredObject, Measurements
-    from estimator.records.options import EstimateOptions, MeasurementOptions
-    from estimator.records.result import ScaleEvidence, ScaleResult, SceneEstimate
-    from estimator.records.scene import Camera, DenseCloud, Instance, Scene, View
-    from estimator.results.estimate import scale_of_objects
-
-__all__ = [
-    "Camera",
-    "DenseCloud",
-    "EstimateOptions",
-    "Instance",
-    "MeasuredObject",
-    "MeasurementOptions",
-    "Measurements",
-    "ScaleEvidence",
-    "ScaleResult",
-    "Scene",
-    "SceneEstimate",
-    "View",
-    "estimate_scale",
-    "estimate_scene",
-    "measure_objects",
-    "read_instances",
-    "read_scene",
-    "scale_of_objects",
-]
+    from estimator.instances.instance_reader import read_instances as read_instances
+    from estimator.pipeline import estimate_scale as estimate_scale
+    from estimator.pipeline import estimate_scene as estimate_scene
+    from estimator.pipeline import measure_objects as measure_objects
+    from estimator.reconstructions.scene_reader import read_scene as read_scene
+    from estimator.records.objects import MeasuredObject as MeasuredObject
+    from estimator.records.objects import Measurements as Measurements
+    from estimator.records.options import EstimateOptions as EstimateOptions
+    from estimator.records.options import MeasurementOptions as MeasurementOptions
+    from estimator.records.result import ScaleEvidence as ScaleEvidence
+    from estimator.records.result import ScaleResult as ScaleResult
+    from estimator.records.result import SceneEstimate as SceneEstimate
+    from estimator.records.scene import Camera as Camera
+    from estimator.records.scene import DenseCloud as DenseCloud
+    from estimator.records.scene import Instance as Instance
+    from estimator.records.scene import Scene as Scene
+    from estimator.records.scene import View as View
+    from estimator.results.estimate import scale_of_objects as scale_of_objects
 
 #: Module of each public name, imported on first use, so that light commands do not import SciPy.
-_public_name, __dir__ = lazy_names(
+__getattr__, __dir__, __all__ = lazy_names(
     __name__,
     {
         "instances.instance_reader": ("read_instances",),
@@ -65,18 +52,3 @@ _public_name, __dir__ = lazy_names(
         "results.estimate": ("scale_of_objects",),
     },
 )
-_MOVED = {
-    "AssetCheck": "models3d",
-    "Capture": "capture",
-    "CaptureFailure": "capture",
-    "capture_video": "capture",
-    "check_asset": "models3d",
-}
-
-
-def __getattr__(name: str) -> object:
-    if name in _MOVED:
-        message = f"estimator.{name} has moved to {_MOVED[name]}.{name}"
-        warnings.warn(message, DeprecationWarning, stacklevel=2)
-        return getattr(import_module(_MOVED[name]), name)
-    return _public_name(name)

@@ -9,8 +9,10 @@ from importlib import import_module
 
 def lazy_names(
     package: str, modules: Mapping[str, Iterable[str]], others: Mapping[str, Iterable[str]] | None = None
-) -> tuple[Callable[[str], object], Callable[[], list[str]]]:
-    """Return the functions `__getattr__` and `__dir__` of a package.
+) -> tuple[Callable[[str], object], Callable[[], list[str]], list[str]]:
+    """Return the functions `__getattr__` and `__dir__` of a package, and these names as its `__all__`.
+
+    Type checkers find the names by imports in the form `from module import name as name` (PEP 484).
 
     Parameters
     ----------
@@ -29,4 +31,4 @@ def lazy_names(
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
         return getattr(import_module(homes[name]), name)
 
-    return attribute, lambda: sorted({*vars(sys.modules[package]), *homes})
+    return attribute, lambda: sorted({*vars(sys.modules[package]), *homes}), sorted(homes)

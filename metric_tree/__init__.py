@@ -37,7 +37,7 @@ __all__ = [
 ]
 
 #: Imported on first use, so that a query stays light.
-__getattr__, __dir__ = lazy_names(
+__getattr__, __dir__, _ = lazy_names(
     __name__,
     {"pipeline.build": ("Build", "BuildOptions", "build_release")},
     {"models3d.size_check.scale_for": ("FactorEvidence", "ObjectScale", "scale_for")},

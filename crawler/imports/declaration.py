@@ -7,7 +7,6 @@ rows that are not sizes of objects.
 from __future__ import annotations
 
 import re
-import warnings
 from collections.abc import Iterable, Mapping
 from pathlib import Path, PurePosixPath
 from typing import Literal
@@ -95,9 +94,6 @@ class Rule(_Declared, frozen=True, kw_only=True):
     above: float | None = None
 
     def __post_init__(self) -> None:
-        if self.outcome == "set_of_things":
-            warnings.warn("the reason 'set_of_things' is called 'set_of_objects'", DeprecationWarning, stacklevel=2)
-            msgspec.structs.force_setattr(self, "outcome", "set_of_objects")
         tests = (self.matches, self.listed or None, self.below, self.above)
         expect(any(test is not None for test in tests), "rule", "matches, listed, below or above", self.column)
         expect_inside(self.listed, "listed")

@@ -12,29 +12,18 @@ from typing import TYPE_CHECKING
 from metric_base.lazy_names import lazy_names
 
 if TYPE_CHECKING:
-    from estimator.evidence.camera_height import CameraHeight
-    from estimator.evidence.depth_maps import MetricDepth
-    from estimator.evidence.gps import Gps, VideoGps
-    from estimator.evidence.imu import Imu
-    from estimator.evidence.known_lengths import KnownLength
-    from estimator.evidence.markers import Marker
-    from estimator.evidence.rig_baseline import RigBaseline
-    from estimator.evidence.source import EvidenceSource
-
-__all__ = [
-    "CameraHeight",
-    "EvidenceSource",
-    "Gps",
-    "Imu",
-    "KnownLength",
-    "Marker",
-    "MetricDepth",
-    "RigBaseline",
-    "VideoGps",
-]
+    from estimator.evidence.camera_height import CameraHeight as CameraHeight
+    from estimator.evidence.depth_maps import MetricDepth as MetricDepth
+    from estimator.evidence.gps import Gps as Gps
+    from estimator.evidence.gps import VideoGps as VideoGps
+    from estimator.evidence.imu import Imu as Imu
+    from estimator.evidence.known_lengths import KnownLength as KnownLength
+    from estimator.evidence.markers import Marker as Marker
+    from estimator.evidence.rig_baseline import RigBaseline as RigBaseline
+    from estimator.evidence.source import EvidenceSource as EvidenceSource
 
 #: Module of each public name, imported on first use, so that `--objects` does not import SciPy.
-__getattr__, __dir__ = lazy_names(
+__getattr__, __dir__, __all__ = lazy_names(
     __name__,
     {
         "camera_height": ("CameraHeight",),

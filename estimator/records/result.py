@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import math
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
@@ -240,11 +239,6 @@ class ScaleResult:
     def json(self) -> str:
         """Return the JSON object as text, with one field per line."""
         return json.dumps(self.to_json(), indent=1, ensure_ascii=False, allow_nan=False)
-
-    def record(self) -> dict[str, Any]:
-        """Deprecated name of `to_json`."""
-        warnings.warn("ScaleResult.record is called to_json", DeprecationWarning, stacklevel=2)
-        return self.to_json()
 
     def save(self, path: Path, option: str | None = None, schema: str | None = None) -> None:
         """Write the JSON beside `path` and rename it: never half a file.

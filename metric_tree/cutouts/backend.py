@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 from typing import Literal, Protocol, TypeAlias, get_args
 
@@ -29,13 +28,8 @@ class Guide(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     reviewer: str
     verdict: Literal["good", "poor"] = "good"
     why: str = ""  #: Reason of a poor verdict.
-    #: Former name of `object`, read for one release.
-    thing: tuple[tuple[Point, ...], ...] = ()
 
     def __post_init__(self) -> None:
-        if self.thing:
-            warnings.warn("the field 'thing' of a guide is called 'object'", DeprecationWarning, stacklevel=2)
-            msgspec.structs.force_setattr(self, "object", self.object + self.thing)
         expect(len(self.picture) == 64, "picture", "a sha256", self.picture)
         drawn = (len(self.polygon) >= 3) + (self.box is not None)
         expect(drawn == 1 or self.undrawn, "polygon, box", "three points or a box", "neither")

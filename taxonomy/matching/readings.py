@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Literal
@@ -38,9 +37,6 @@ class Reading(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     refined: bool = False  #: The title may narrow the category (a `lamp` whose title begins with `floor lamp`).
 
     def __post_init__(self) -> None:
-        if self.domain == "things":
-            warnings.warn("the domain 'things' is called 'objects'", DeprecationWarning, stacklevel=2)
-            msgspec.structs.force_setattr(self, "domain", "objects")
         expect(self.domain in DOMAINS, "domain", f"one of {', '.join(sorted(DOMAINS))}", self.domain)
 
 

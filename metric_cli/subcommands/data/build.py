@@ -50,7 +50,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--include-withheld", dest="private", metavar="SOURCE", action="append", default=[],
         help="include the rows and images of this source although no open licence allows redistribution: the release"
         " is for private use (may be repeated)")
-    add("--own-use", dest="private", action="append", help=argparse.SUPPRESS)  # former name
     add("--without-noncommercial", dest="noncommercial", action="store_false", help="omit non-commercial sources")
     add("--without-curated", action="store_true", help="omit the norms and judged ranges of the project")
     add("--without-pictures", dest="pictures", action="store_false", help="omit the images next to RAW")

@@ -49,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     waits.add_argument("--all", action="store_true", help=f"print all words, not only {MAX_WORDS}")
     blind = actions.add_parser("blind", help="subjects that a reviewer has not read, shuffled and without decisions")
     blind.add_argument("raw", metavar="RAW", nargs="*", type=input_path, help="raw items for examples of the subjects")
-    _add_reviewer(blind, "the reviewer")
+    blind.add_argument("--reviewer", metavar="NAME", required=True, help="the reviewer")
     blind.add_argument("--source", help="only subjects of this source")
     blind.add_argument("--limit", type=int, metavar="N", help="at most N subjects")
     blind.add_argument("--what", choices=["match", "insertion"], default="match", help="kind of decision")
@@ -58,7 +58,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     record.add_argument("subject", help="'SOURCE: words' or '*: words' of a match, the mt: id of an insertion")
     record.add_argument("decision", help="a synset, an mt: id, none, or withdrawn; of an insertion its parent, or none")
     record.add_argument("--amend", action="store_true", help="replace an earlier decision of the same reviewer")
-    _add_reviewer(record, "name of a person, or 'program: DESCRIPTION'")
+    name = "name of a person, or 'program: DESCRIPTION'"
+    record.add_argument("--reviewer", metavar="NAME", required=True, help=name)
     record.add_argument("--what", choices=["match", "insertion"], default="match", help="kind of decision")
     record.add_argument("--sources", type=input_path, metavar="DIR", help="folder of further declarations of sources")
     record.add_argument("--why", default="", help="reason, one line")
@@ -73,13 +74,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         kind = output_folder if action is record else input_path
         action.add_argument("--folder", type=kind, metavar="DIR", help=f"folder of the decisions ({DEFAULT_FOLDER})")
         action.add_argument("--json", action="store_true", default=argparse.SUPPRESS, help="print the result as JSON")
-
-
-def _add_reviewer(parser: argparse.ArgumentParser, text: str) -> None:
-    """Add the option that names the reviewer; `--reader` is the former name."""
-    names = parser.add_mutually_exclusive_group(required=True)
-    names.add_argument("--reviewer", metavar="NAME", help=text)
-    names.add_argument("--reader", dest="reviewer", help=argparse.SUPPRESS)
 
 
 def run(arguments: argparse.Namespace) -> None:

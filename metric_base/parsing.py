@@ -5,13 +5,14 @@ from __future__ import annotations
 import csv
 import math
 import struct
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from metric_base.arrays import FloatArray
 from metric_base.errors import FieldError, InputError, Unquoted, expect, in_file
 from metric_base.input_files import read_bytes, read_text
 
@@ -68,6 +69,29 @@ def json_name(value: object, field: str) -> str:
     if not isinstance(value, str) or not value.strip():
         raise FieldError(field, "a name", value)
     return value
+
+
+def number_of(entry: Mapping[str, object], name: str, default: float | None = None) -> float:
+    """Return a finite number of a JSON object, which several programs write as text."""
+    value = entry.get(name, default)
+    try:
+        number = float(value) if isinstance(value, int | float | str) and not isinstance(value, bool) else math.nan
+    except (ValueError, OverflowError):
+        number = math.nan
+    expect(math.isfinite(number), name, "a number", value)
+    return number
+
+
+def matrix_of(values: object, shape: tuple[int, ...], field: str, limit: float = math.inf) -> FloatArray:
+    """Convert values to an array of `shape`, such as (3, 4); FieldError unless they are numbers below `limit`."""
+    try:
+        matrix = np.array(cast(Any, values), dtype=np.float64).reshape(shape)
+    except (TypeError, ValueError, OverflowError):
+        matrix = np.full(shape, np.nan)
+    numbers = "finite numbers" if limit == math.inf else f"finite numbers below {limit:g}"
+    is_valid = (np.abs(matrix) < limit).all()
+    expect(is_valid, field, f"{' x '.join(map(str, shape))} {numbers}", Unquoted("others"))
+    return matrix
 
 
 class BinaryReader:

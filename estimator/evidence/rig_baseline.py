@@ -15,7 +15,7 @@ from estimator.records.scene import Scene
 from metric_base.errors import FieldError, InputError, expect, in_file
 from metric_base.input_files import read_json
 from metric_base.length_units import metres
-from metric_base.parsing import json_array, json_object
+from metric_base.parsing import json_array, json_object, matrix_of
 from metric_base.statistics import robust_sigma
 
 #: Minimum standard deviation of the log scale: a baseline is accurate to about a millimetre, in the
@@ -96,14 +96,9 @@ def rig_baselines(file: Path) -> tuple[RigBaseline, ...]:
                 raise FieldError("cameras", "an image_prefix each, and one ref_sensor", prefixes)
             for prefix, camera in zip(prefixes, cameras, strict=True):
                 if not camera.get("ref_sensor") and "cam_from_rig_translation" in camera:
-                    translation = camera["cam_from_rig_translation"]
-                    try:
-                        x, y, z = (float(part) for part in json_array(translation, "cam_from_rig_translation"))
-                    except (TypeError, ValueError):
-                        raise FieldError("cam_from_rig_translation", "three numbers", translation) from None
-                    length = math.hypot(x, y, z)
-                    if not 0 < length < math.inf:
-                        raise FieldError("cam_from_rig_translation", "a translation that is not 0", translation)
+                    field, translation = "cam_from_rig_translation", camera["cam_from_rig_translation"]
+                    length = math.hypot(*matrix_of(translation, (3,), field))
+                    expect(0 < length < math.inf, field, "a translation that is not 0", translation)
                     baselines.append(RigBaseline(str(references[0]), str(prefix), length))
         expect(baselines, "cam_from_rig_translation", "three numbers at a camera of one rig or more", None)
     return tuple(baselines)

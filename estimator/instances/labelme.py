@@ -13,10 +13,10 @@ from estimator.instances.mask_decoding import box_mask, checked_image_size, deco
 from estimator.instances.view_matching import ViewLookup, finish_instances, mask_crop
 from estimator.records.scene import Instance, Scene
 from metric_base.arrays import BoolArray
-from metric_base.errors import FieldError, at_field, expect, in_file
+from metric_base.errors import FieldError, at_field, in_file
 from metric_base.images import decode_image
 from metric_base.input_files import read_json
-from metric_base.parsing import json_array, json_name, json_object, json_records
+from metric_base.parsing import json_array, json_name, json_object, json_records, matrix_of
 
 #: Number of corners of the polygon that approximates a circle.
 _N_CIRCLE_CORNERS = 64
@@ -98,13 +98,8 @@ def _instances(scene: Scene, row: int, document: dict[str, Any]) -> list[Instanc
 def _mask(shape: dict[str, Any], size: tuple[int, int]) -> BoolArray | None:
     """Return the mask (h, w) of a shape, or None if it has no area."""
     kind = shape.get("shape_type", "polygon")
-    try:
-        points = np.array(json_array(shape.get("points"), "points"), dtype=np.float64).reshape(-1, 2)
-    except (TypeError, ValueError, OverflowError) as error:
-        if isinstance(error, FieldError):
-            raise
-        raise FieldError("points", "pairs of numbers", shape.get("points")) from None
-    expect((np.abs(points) < _MAX_COORDINATE).all(), "points", "finite numbers", shape.get("points"))
+    pairs = json_array(shape.get("points"), "points")
+    points = matrix_of(pairs, (len(pairs), 2), "points", _MAX_COORDINATE)
     if kind == "polygon" and len(points) > 2:
         return decode_segmentation([points.ravel().tolist()], size)
     if kind == "rectangle" and len(points) == 2:

@@ -23,7 +23,7 @@ from estimator.records.scene import MAX_COORDINATE, Camera, Scene, View, observe
 from metric_base.arrays import FloatArray, IntArray
 from metric_base.errors import FieldError, InputError, Unquoted, at_field, expect, in_file
 from metric_base.input_files import read_bytes, read_json
-from metric_base.parsing import json_array, json_object
+from metric_base.parsing import json_array, json_object, matrix_of, number_of
 
 #: Bytes at the start of `tracks.csv` that contain the version and the start of the first observation.
 _FIRST_BYTES = 1000
@@ -139,9 +139,9 @@ def read_opensfm(folder: Path) -> Scene:
                 camera = shot.get("camera")
                 if not isinstance(camera, str) or camera not in cameras:
                     raise FieldError("camera", "a camera of the reconstruction", camera)
-                for part in ("rotation", "translation"):
-                    expect(_is_triple(shot.get(part)), part, "three finite numbers", Unquoted(str(shot.get(part))))
-                rotation, translation = (np.array(shot[part], dtype=np.float64) for part in ("rotation", "translation"))
+                rotation, translation = (
+                    matrix_of(shot.get(part), (3,), part, MAX_COORDINATE) for part in ("rotation", "translation")
+                )
             matrix = Rotation.from_rotvec(rotation).as_matrix()
             views.append(View(name, cameras[camera], matrix, translation, np.empty((0, 2)), np.empty(0, np.int64)))
     tracks = folder / TRACKS
@@ -191,35 +191,18 @@ def _camera(document: dict[str, Any]) -> Camera:
     params = []
     for source in sources:
         name = source.lstrip("*+")
-        value = document.get(name)
-        if value is None and source not in _FOCAL_NAMES:
-            value = 0.0
-        if not isinstance(value, int | float) or isinstance(value, bool) or not _is_coordinate(value):
-            raise FieldError(name, "a number", value)
-        scaled = float(value) * longer if source[:1] in {"*", "+"} else float(value)
+        value = 0.0 if name == "" else number_of(document, name, None if source in _FOCAL_NAMES else 0.0)
+        scaled = value * longer if source[:1] in {"*", "+"} else value
         params.append(scaled + half[name[-1]] if source.startswith("+") else scaled)
     return make_camera(model, (width, height), params)
 
 
 def _points(documents: dict[str, Any]) -> tuple[list[str], FloatArray]:
     """Return names and positions (n, 3) of the points; FieldError for the first invalid one."""
+    positions = [json_object(document, f"point {name!r}").get("coordinates") for name, document in documents.items()]
     try:
-        points = np.array([point["coordinates"] for point in documents.values()], dtype=np.float64)
-    except (TypeError, KeyError, ValueError, OverflowError):
-        points = np.empty(0)
-    if (documents and points.shape != (len(documents), 3)) or not (np.abs(points) < MAX_COORDINATE).all():
-        expected = f"coordinates of three finite numbers below {MAX_COORDINATE:g}"
-        for name, document in documents.items():
-            coordinates = document.get("coordinates") if isinstance(document, dict) else str(document)
-            expect(_is_triple(coordinates), f"point {name!r}", expected, coordinates)
-    return list(documents), points.reshape(-1, 3)
-
-
-def _is_triple(values: object) -> bool:
-    """Return True for a list of three numbers below `MAX_COORDINATE`."""
-    return isinstance(values, list) and len(values) == 3 and all(map(_is_coordinate, values))
-
-
-def _is_coordinate(value: object) -> bool:
-    """Return True for a number below `MAX_COORDINATE`."""
-    return isinstance(value, int | float) and abs(value) < MAX_COORDINATE
+        return list(documents), matrix_of(positions, (len(positions), 3), "points", MAX_COORDINATE)
+    except FieldError:
+        for name, position in zip(documents, positions, strict=True):
+            matrix_of(position, (3,), f"point {name!r} coordinates", MAX_COORDINATE)
+        raise

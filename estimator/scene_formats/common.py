@@ -1,10 +1,9 @@
-"""Functions of several readers: lenses, views with poses, sizes of images, points, parts of GLB files, and numbers."""
+"""Functions of several readers: lenses, views with poses, sizes of images, points, and parts of GLB files."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, cast
 
 import numpy as np
 
@@ -155,28 +154,6 @@ def read_point_file(file: Path, names: Iterable[str]) -> FloatArray:
         return np.empty((0, 3))
     points = read_points(path)
     return points[(np.abs(points) < MAX_COORDINATE).all(axis=1)]
-
-
-def number_of(entry: Mapping[str, object], name: str, default: float | None = None) -> float:
-    """Return a finite number, which several programs write as text."""
-    value = entry.get(name, default)
-    try:
-        number = float(value) if isinstance(value, int | float | str) and not isinstance(value, bool) else np.nan
-    except (ValueError, OverflowError):
-        number = np.nan
-    expect(np.isfinite(number), name, "a number", value)
-    return number
-
-
-def matrix_of(values: object, shape: tuple[int, ...], field: str) -> FloatArray:
-    """Convert values to an array of `shape`, such as (3, 4); FieldError unless they are finite numbers."""
-    try:
-        matrix = np.array(cast(Any, values), dtype=np.float64).reshape(shape)
-    except (TypeError, ValueError, OverflowError):
-        matrix = np.empty(0)
-    if matrix.shape != shape or not np.isfinite(matrix).all():
-        raise FieldError(field, f"{' x '.join(map(str, shape))} finite numbers", Unquoted("others"))
-    return matrix
 
 
 def glb_parts(file: Path) -> list[tuple[FloatArray, FloatArray]]:

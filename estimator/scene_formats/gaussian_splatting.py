@@ -10,17 +10,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from estimator.records.scene import Scene, View
-from estimator.scene_formats.common import (
-    IMAGE_FOLDERS,
-    matrix_of,
-    number_of,
-    pinhole_camera,
-    posed_view,
-    read_point_file,
-)
+from estimator.scene_formats.common import IMAGE_FOLDERS, pinhole_camera, posed_view, read_point_file
 from metric_base.errors import at_field, expect, in_file
 from metric_base.input_files import folder_entries, read_json
-from metric_base.parsing import json_name, json_records
+from metric_base.parsing import json_name, json_records, matrix_of, number_of
 
 
 def read_gaussian_splatting(file: Path) -> Scene:

@@ -13,17 +13,11 @@ import numpy as np
 
 from estimator.projection.cameras import make_camera
 from estimator.records.scene import MAX_COORDINATE, Camera, Scene, View, observed_views
-from estimator.scene_formats.common import (
-    matrix_of,
-    number_of,
-    pinhole_camera,
-    posed_view,
-    read_point_file,
-)
+from estimator.scene_formats.common import pinhole_camera, posed_view, read_point_file
 from metric_base.arrays import FloatArray
 from metric_base.errors import FieldError, at_field, expect, in_file
 from metric_base.input_files import read_json
-from metric_base.parsing import json_name, json_object, json_records
+from metric_base.parsing import json_name, json_object, json_records, matrix_of, number_of
 
 #: First version in which the principal point is relative to the centre (AliceVision, changelog of SfmDataIO).
 CENTRED_VERSION = (1, 2, 1)

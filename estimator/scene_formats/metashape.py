@@ -14,10 +14,11 @@ import numpy as np
 
 from estimator.projection.cameras import make_camera
 from estimator.records.scene import Camera, Scene, View
-from estimator.scene_formats.common import brown_camera, matrix_of, posed_view, read_point_file
+from estimator.scene_formats.common import brown_camera, posed_view, read_point_file
 from metric_base.arrays import FloatArray
 from metric_base.errors import FieldError, Unquoted, at_field, expect, in_file
 from metric_base.input_files import read_text
+from metric_base.parsing import matrix_of
 
 PLY_FILES = ("points.ply", "sparse_pc.ply", "sparse.ply", "tie_points.ply", "point_cloud.ply")
 #: Names of the equidistant fisheye model in versions 1 and 2.

@@ -19,8 +19,6 @@ from estimator.scene_formats.common import (
     FLIP,
     MAX_ROTATION_ERROR,
     checked_image_size,
-    matrix_of,
-    number_of,
     pinhole_camera,
     posed_view,
     read_point_file,
@@ -28,7 +26,7 @@ from estimator.scene_formats.common import (
 from metric_base.arrays import FloatArray
 from metric_base.errors import FieldError, at_field, expect, in_file
 from metric_base.input_files import read_json
-from metric_base.parsing import json_name, json_object, json_records
+from metric_base.parsing import json_name, json_object, json_records, matrix_of, number_of
 
 #: Files of the sparse points, without `ply_file_path`.
 PLY_FILES = ("sparse_pc.ply", "points.ply", "sparse_point_cloud.ply", "points3D.ply", "point_cloud.ply")

@@ -13,17 +13,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from estimator.records.scene import Scene, View
-from estimator.scene_formats.common import (
-    FLIP,
-    brown_camera,
-    checked_image_size,
-    number_of,
-    posed_view,
-    read_point_file,
-)
+from estimator.scene_formats.common import FLIP, brown_camera, checked_image_size, posed_view, read_point_file
 from metric_base.errors import at_field, expect, in_file
 from metric_base.input_files import read_text
-from metric_base.parsing import csv_rows, json_name
+from metric_base.parsing import csv_rows, json_name, number_of
 
 PLY_FILES = ("points.ply", "sparse_pc.ply", "sparse.ply", "point_cloud.ply")
 COLUMNS = ("#name", "x", "y", "alt", "heading", "pitch", "roll", "f")

@@ -16,10 +16,11 @@ from scipy.spatial.transform import Rotation
 
 from estimator.reconstructions.ply import read_dense_cloud
 from estimator.records.scene import Scene
-from estimator.scene_formats.common import IMAGE_FOLDERS, matrix_of, pinhole_camera, posed_view
+from estimator.scene_formats.common import IMAGE_FOLDERS, pinhole_camera, posed_view
 from metric_base.errors import FieldError, Unquoted, at_field, expect, in_file
 from metric_base.images import IMAGE_SUFFIXES, image_header
 from metric_base.input_files import folder_entries, is_file, read_text
+from metric_base.parsing import matrix_of
 
 #: Numbers of a line.
 N_NUMBERS = 8

@@ -7,7 +7,6 @@ little endian numbers. Logs are CSV files, `metadata.json` of Record3D, and the 
 
 from __future__ import annotations
 
-import json
 import re
 import struct
 from collections.abc import Iterator, Sequence
@@ -18,9 +17,9 @@ import numpy as np
 
 from estimator.telemetry.gpmf import Packet, gpmf_telemetry
 from estimator.telemetry.records import Positions, Samples, Telemetry
-from metric_base.errors import InputError, Unquoted, at_field, in_file
+from metric_base.errors import InputError, Unquoted, at_field, expect, in_file
 from metric_base.input_files import read_json, read_text
-from metric_base.parsing import csv_rows, finite_numbers
+from metric_base.parsing import csv_rows, finite_numbers, json_array, json_object, matrix_of, number_of
 
 #: Layout of a CAMM packet by its type, after the first four bytes.
 _CAMM_LAYOUTS = {0: "<3f", 1: "<2i", 2: "<3f", 3: "<3f", 4: "<3f", 5: "<3d", 6: "<di2d7f", 7: "<3f"}
@@ -35,6 +34,8 @@ MAX_TRACK_BYTES = 1 << 28
 MAX_PACKETS = 1_000_000
 #: Maximum size of a log in bytes.
 MAX_LOG_BYTES = 1 << 28
+#: Exclusive maximum of the frames per second of a log.
+MAX_FRAME_RATE = 1e4
 #: Number of packets at the start of a track that are searched for one of CAMM.
 N_PROBED_PACKETS = 4
 #: Columns of a log: seconds in the time of the video, m/s^2 and rad/s.
@@ -203,16 +204,8 @@ def _csv_telemetry(file: Path) -> Telemetry:
 def _record3d_telemetry(file: Path) -> Telemetry:
     """Read `metadata.json` of Record3D: `poses`, rows of a quaternion and a position in metres, and `fps`."""
     with in_file(file):
-        document: Any = read_json(file)
-    poses = document.get("poses") if isinstance(document, dict) else None
-    rate = document.get("fps") if isinstance(document, dict) else None
-    try:
-        table = np.array(poses, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        table = np.empty(0)
-    if table.ndim != 2 or table.shape[1] != 7 or not np.isfinite(table).all():
-        found = Unquoted(json.dumps(poses)[:40])
-        raise InputError.at(file, "poses", "rows of seven finite numbers (Record3D's metadata.json)", found)
-    if not isinstance(rate, int | float) or isinstance(rate, bool) or not 0 < rate < 1e4:
-        raise InputError.at(file, "fps", "frames per second", rate)
-    return Telemetry(path=Positions(np.arange(len(table)) / float(rate), table[:, 4:], geodetic=False))
+        document = json_object(read_json(file))
+        poses, rate = json_array(document.get("poses"), "poses of Record3D"), number_of(document, "fps")
+        table = matrix_of(poses, (len(poses), 7), "poses")
+        expect(0 < rate < MAX_FRAME_RATE, "fps", "frames per second", rate)
+    return Telemetry(path=Positions(np.arange(len(table)) / rate, table[:, 4:], geodetic=False))

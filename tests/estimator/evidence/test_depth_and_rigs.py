@@ -372,8 +372,8 @@ def test_the_words_of_a_baseline(text: str, length: float | None) -> None:
     ("second", "message"),
     [
         ({}, "three numbers at a camera of one rig or more"),
-        ({"cam_from_rig_translation": [1, 2]}, "cam_from_rig_translation: expected three numbers"),
-        ({"cam_from_rig_translation": [1, 2, "x"]}, "cam_from_rig_translation: expected three numbers"),
+        ({"cam_from_rig_translation": [1, 2]}, "cam_from_rig_translation: expected 3 finite numbers"),
+        ({"cam_from_rig_translation": [1, 2, "x"]}, "cam_from_rig_translation: expected 3 finite numbers"),
         ({"cam_from_rig_translation": [3, 0, 4]}, None),
         ({"image_prefix": "", "cam_from_rig_translation": [3, 0, 4]}, "an image_prefix each, and one ref_sensor"),
         ({"image_prefix": 7, "cam_from_rig_translation": [3, 0, 4]}, "an image_prefix each, and one ref_sensor"),

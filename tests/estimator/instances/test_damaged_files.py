@@ -201,9 +201,9 @@ def test_an_image_of_values_is_grey_and_of_a_view(
 @pytest.mark.parametrize(
     ("shape", "message"),
     [
-        ({"points": [[1, 2], [3]]}, "points: expected pairs of numbers"),
+        ({"points": [[1, 2], [3]]}, "points: expected 2 x 2 finite numbers below"),
         ({"points": 3}, "points"),
-        ({"points": [["a", "b"]] * 3}, "points: expected pairs of numbers"),
+        ({"points": [["a", "b"]] * 3}, "points: expected 3 x 2 finite numbers below"),
         ({"shape_type": "mask", "points": [[10, 10], [20, 20]], "mask": "???"}, "mask: expected a PNG in base64"),
         ({"shape_type": "mask", "points": [[10, 10], [20, 20]], "mask": "AAAA"}, "mask: expected a PNG in base64"),
         ({"shape_type": "mask", "points": [[10, 10], [20, 20]]}, "mask: expected a PNG in base64"),

@@ -1,7 +1,8 @@
-"""Parse the headers of PLY files, and rescale ASCII files."""
+"""Parse the headers of PLY files, and rescale files."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
@@ -17,6 +18,8 @@ _TYPES = {
 _BYTE_ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": "="}
 #: Maximum size of a header, in bytes; the rest of a file is not searched for its end.
 MAX_HEADER_BYTES = 1 << 16
+#: Properties of the chunks of a compressed PLY (SuperSplat): the corners of the box of their Gaussians.
+CHUNK_CORNERS = ("min_x", "min_y", "min_z", "max_x", "max_y", "max_z")
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,17 +76,45 @@ def ply_layout(
     return PlyLayout(form, vertex, count, body, skipped)
 
 
-def scaled_ascii(data: bytes, scale: float, number: Callable[[float], str]) -> bytes:
-    """Multiply the vertices of an ASCII PLY file; `number` returns the text of a coordinate."""
-    layout = ply_layout(data)
-    lines = data[layout.body :].split(b"\n")
-    columns = [(layout.vertex.names or ()).index(axis) for axis in "xyz"]
-    for row in range(layout.skipped, layout.skipped + layout.count):
-        words = lines[row].split()
-        for column in columns:
-            words[column] = number(float(words[column]) * scale).encode("ascii")
-        lines[row] = b" ".join(words)
-    return data[: layout.body] + b"\n".join(lines)
+def scaled_ply(data: bytes, scale: float, number: Callable[[float], str] = repr) -> bytes:
+    """Return a PLY file whose lengths are multiplied by `scale`: positions, and the sizes of Gaussians.
+
+    ln `scale` is added to the log scales of Gaussians; in a compressed PLY, to those of the chunks. The other
+    properties do not depend on the scale.
+
+    Parameters
+    ----------
+    data : bytes
+    scale : float
+    number : callable
+        Returns the text of a coordinate in an ASCII file.
+
+    Raises
+    ------
+    FieldError
+        The file is damaged.
+    """
+    header = data[:MAX_HEADER_BYTES].partition(b"end_header")[0]
+    is_compressed = b" packed_position" in header and b"format ascii" not in header
+    layout = ply_layout(data, "chunk", CHUNK_CORNERS) if is_compressed else ply_layout(data)
+    if layout.format == "ascii":
+        lines = data[layout.body :].split(b"\n")
+        columns = [(layout.vertex.names or ()).index(axis) for axis in "xyz"]
+        for row in range(layout.skipped, layout.skipped + layout.count):
+            words = lines[row].split()
+            for column in columns:
+                words[column] = number(float(words[column]) * scale).encode("ascii")
+            lines[row] = b" ".join(words)
+        return data[: layout.body] + b"\n".join(lines)
+    scaled = bytearray(data)
+    rows = np.frombuffer(scaled, layout.vertex, layout.count, layout.body + layout.skipped)
+    for name in layout.vertex.names or ():
+        values = rows[name].astype(np.float64)
+        if name in {*"xyz", *CHUNK_CORNERS}:
+            rows[name] = (values * scale).astype(rows[name].dtype)
+        elif re.fullmatch(r"scale_[0-2]|(min|max)_scale_[xyz]", name):
+            rows[name] = (values + np.log(scale)).astype(rows[name].dtype)
+    return bytes(scaled)
 
 
 def _elements(lines: list[list[str]]) -> list[tuple[str, int, list[tuple[str | None, str]]]]:

@@ -20,7 +20,7 @@ import numpy as np
 from metric_base.errors import InputError, Unquoted, at_field, damage_as_field_error, expect, in_file
 from metric_base.files import inside, whole_file
 from metric_base.input_files import read_bytes
-from metric_base.ply import ply_layout, scaled_ascii
+from metric_base.ply import scaled_ply
 from models3d.asset import Asset, merge_bodies
 from models3d.formats import GLTF_SUFFIXES, ROBOT_SUFFIXES, USD_SUFFIXES, read_asset, read_assets
 from models3d.gltf.document import CHUNK_HEAD, MAX_BYTES, read_container, write_container
@@ -259,18 +259,6 @@ def _rescale_text(data: bytes, factor: float, vertex: re.Pattern[bytes] = _OBJ_V
     return vertex.sub(scaled, data)
 
 
-def _rescale_ply(data: bytes, factor: float) -> bytes:
-    """Multiply the vertices of a PLY file."""
-    layout = ply_layout(data)
-    if layout.format == "ascii":
-        return scaled_ascii(data, factor, "{:.9g}".format)
-    start = layout.body + layout.skipped
-    vertices = np.frombuffer(data, layout.vertex, layout.count, start).copy()
-    for axis in "xyz":
-        vertices[axis] = vertices[axis] * factor
-    return data[:start] + vertices.tobytes() + data[start + vertices.nbytes :]
-
-
 def _rescale_dae(data: bytes, factor: float) -> bytes:
     """Multiply the unit of a COLLADA file; a file without one is in metres."""
     unit = _DAE_UNIT.search(data)
@@ -283,11 +271,11 @@ def _rescale_dae(data: bytes, factor: float) -> bytes:
 
 
 #: The function that returns the bytes of a file at another scale, by the suffix of the file.
-_RESCALERS = {
+_RESCALERS: dict[str, Callable[[bytes, float], bytes]] = {
     **dict.fromkeys(GLTF_SUFFIXES, _rescale_gltf),
     **dict.fromkeys(ROBOT_SUFFIXES, _rescale_robot),
     ".obj": _rescale_text,
     ".stl": _rescale_stl,
-    ".ply": _rescale_ply,
+    ".ply": partial(scaled_ply, number="{:.9g}".format),
     ".dae": _rescale_dae,
 }

@@ -26,7 +26,7 @@ from estimator.records.scene import Camera, DenseCloud, Scene
 from metric_base.errors import InputError, Unquoted, in_file
 from metric_base.files import check_output, whole_file, whole_folder, write_whole
 from metric_base.input_files import read_bytes
-from metric_base.ply import MAX_HEADER_BYTES, ply_layout, scaled_ascii
+from metric_base.ply import ply_layout
 
 #: File for `colmap model_transformer --transform_path`: scale qw qx qy qz tx ty tz.
 TRANSFORM = "metric_transform.txt"
@@ -222,10 +222,8 @@ def _write_cloud(cloud: DenseCloud, scale: float, target: Path) -> None:
         header += "".join(f"property double {axis}\n" for axis in "xyz") + "end_header\n"
         target.write_bytes(header.encode("ascii") + (cloud.points * scale).astype("<f8").tobytes())
         return
-    data = read_bytes(source)
-    is_ascii = b"format ascii" in data[:MAX_HEADER_BYTES].partition(b"end_header")[0]
     with in_file(source):
-        target.write_bytes(scaled_ascii(data, scale, repr) if is_ascii else scaled_splat(data, scale))
+        target.write_bytes(scaled_splat(read_bytes(source), scale))
 
 
 def write_colmap_model(scene: Scene, scale: float, folder: Path) -> None:

@@ -10,7 +10,6 @@ Zstandard for each attribute. Some programs write the axes of their PLY files in
 from __future__ import annotations
 
 import gzip
-import re
 import struct
 import zlib
 from io import BytesIO
@@ -21,7 +20,7 @@ import numpy as np
 from metric_base.arrays import FloatArray
 from metric_base.errors import FieldError, Unquoted, expect
 from metric_base.input_files import read_bytes
-from metric_base.ply import MAX_HEADER_BYTES, ply_layout
+from metric_base.ply import CHUNK_CORNERS, MAX_HEADER_BYTES, ply_layout, scaled_ply
 
 #: Minimum opacity of a Gaussian whose centre is a point of a surface; fainter ones often float in front of it.
 MIN_OPACITY = 0.5
@@ -34,7 +33,6 @@ _SPZ_HEADER = struct.Struct("<4sIIBBBB")
 _SPZ_4_HEADER = struct.Struct("<4sIIBBBBI")
 _SPZ_4_SIZES = struct.Struct("<QQ")
 _SPZ_MAGIC, _GZIP = b"NGSP", b"\x1f\x8b"
-_CORNERS = ("min_x", "min_y", "min_z", "max_x", "max_y", "max_z")
 
 
 def is_splat(path: Path) -> bool:
@@ -78,14 +76,16 @@ def splat_centres(data: bytes) -> FloatArray | None:
 
 def _compressed_centres(data: bytes) -> tuple[FloatArray, FloatArray]:
     """Return centres (n, 3) and opacities (n,) of a compressed PLY."""
-    chunk = ply_layout(data, "chunk", _CORNERS)
+    chunk = ply_layout(data, "chunk", CHUNK_CORNERS)
     layout = ply_layout(data, "vertex", ("packed_position", "packed_color"))
     if layout.format == "ascii" or chunk.count * CHUNK < layout.count:
         expected = f"binary data with one chunk for {CHUNK} Gaussians"
         raise FieldError("chunk", expected, Unquoted(f"{chunk.count} for {layout.count}, {layout.format}"))
     chunks = np.frombuffer(data, chunk.vertex, chunk.count, chunk.body + chunk.skipped)
     rows = np.frombuffer(data, layout.vertex, layout.count, layout.body + layout.skipped)
-    corners = np.column_stack([chunks[name] for name in _CORNERS]).astype(np.float64)[np.arange(layout.count) // CHUNK]
+    corners = np.column_stack([chunks[name] for name in CHUNK_CORNERS]).astype(np.float64)[
+        np.arange(layout.count) // CHUNK
+    ]
     packed = rows["packed_position"].astype(np.int64)
     fractions = np.column_stack([(packed >> 21) / 2047, (packed >> 11 & 1023) / 1023, (packed & 2047) / 2047])
     return corners[:, :3] * (1 - fractions) + corners[:, 3:] * fractions, (rows["packed_color"] & 255) / 255
@@ -127,10 +127,7 @@ def _spz_4_streams(data: bytes, n_bytes: tuple[int, ...]) -> bytes:
 
 
 def scaled_splat(data: bytes, scale: float) -> bytes:
-    """Return a binary PLY file, with Gaussians or without, whose lengths are multiplied by `scale`.
-
-    Positions are multiplied, and ln `scale` is added to the log scales; in a compressed PLY, to those of the chunks.
-    The other properties do not depend on the scale.
+    """Return a PLY file, with Gaussians or without, whose lengths are multiplied by `scale`, as `scaled_ply`.
 
     Raises
     ------
@@ -139,14 +136,4 @@ def scaled_splat(data: bytes, scale: float) -> bytes:
     """
     if data.startswith((_GZIP, _SPZ_MAGIC)):
         raise FieldError("format", "PLY (convert the splat to PLY, which stores metres exactly)", Unquoted("SPZ"))
-    is_compressed = b" packed_position" in data[:MAX_HEADER_BYTES].partition(b"end_header")[0]
-    layout = ply_layout(data, "chunk", _CORNERS) if is_compressed else ply_layout(data)
-    scaled = bytearray(data)
-    rows = np.frombuffer(scaled, layout.vertex, layout.count, layout.body + layout.skipped)
-    for name in layout.vertex.names or ():
-        values = rows[name].astype(np.float64)
-        if name in {*"xyz", *_CORNERS}:
-            rows[name] = (values * scale).astype(rows[name].dtype)
-        elif re.fullmatch(r"scale_[0-2]|(min|max)_scale_[xyz]", name):
-            rows[name] = (values + np.log(scale)).astype(rows[name].dtype)
-    return bytes(scaled)
+    return scaled_ply(data, scale)

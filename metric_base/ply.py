@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from metric_base.errors import FieldError, Unquoted
+from metric_base.errors import FieldError, Unquoted, expect
 
 _TYPES = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2",
@@ -53,12 +53,10 @@ def ply_layout(
         raise FieldError("header", "ply ... end_header", data[:20])
     lines = [line.split() for line in data[:end].decode("ascii", "replace").splitlines()[1:]]
     form = next((line[1] for line in lines if line[:1] == ["format"] and len(line) > 1), "")
-    if form not in _BYTE_ORDERS:
-        raise FieldError("format", f"one of {', '.join(_BYTE_ORDERS)}", form)
+    expect(form in _BYTE_ORDERS, "format", f"one of {', '.join(_BYTE_ORDERS)}", form)
     elements = _elements([line for line in lines if line[:1] in (["element"], ["property"])])
     names = [name for name, _, _ in elements]
-    if element not in names:
-        raise FieldError("elements", f"a {element} element", names)
+    expect(element in names, "elements", f"a {element} element", names)
     before, (_, count, properties) = elements[: names.index(element)], elements[names.index(element)]
     if any(kind is None for _, _, kinds in [*before, elements[len(before)]] for kind, _ in kinds):
         raise FieldError(element, "scalar properties", Unquoted("a list property"))
@@ -139,6 +137,5 @@ def _elements(lines: list[list[str]]) -> list[tuple[str, int, list[tuple[str | N
 def _record(form: str, properties: list[tuple[str | None, str]]) -> np.dtype[np.void]:
     """Return the NumPy type of the scalar properties of an element."""
     names = [name for _, name in properties]
-    if len(set(names)) != len(names):
-        raise FieldError("properties", "each name once", names)
+    expect(len(set(names)) == len(names), "properties", "each name once", names)
     return np.dtype([(name, _BYTE_ORDERS[form] + str(kind)) for kind, name in properties])

@@ -23,7 +23,15 @@ from numpy.typing import NDArray
 from estimator.instances.mask_decoding import checked_image_size
 from estimator.instances.view_matching import MAX_MASKS, ViewLookup, finish_instances, mask_crop
 from estimator.records.scene import Instance, Scene
-from metric_base.errors import FieldError, InputError, Unquoted, at_field, expect, in_file
+from metric_base.errors import (
+    FieldError,
+    InputError,
+    Unquoted,
+    at_field,
+    damage_as_field_error,
+    expect,
+    in_file,
+)
 from metric_base.input_files import folder_entries, read_bytes, read_json
 from metric_base.parsing import json_name, json_object
 
@@ -124,14 +132,9 @@ def read_png(file: Path) -> NDArray[Any]:
     """
     from PIL.PngImagePlugin import PngImageFile
 
-    data = read_bytes(file)
-    try:
-        # The class is used instead of `Image.open`, whose limit of pixels is lower than ours.
-        with PngImageFile(io.BytesIO(data)) as image:
-            with in_file(file), at_field("size"):
-                checked_image_size(image.size)
-            return np.asarray(image.convert("L") if image.mode == "1" else image)
-    except InputError:
-        raise
-    except Exception as error:  # noqa: BLE001 - Pillow raises unrelated types for damaged files
-        raise InputError.at(file, "content", "a PNG that can be decoded", Unquoted(f"damaged data: {error}")) from None
+    # The class is used instead of `Image.open`, whose limit of pixels is lower than ours.
+    damage = damage_as_field_error("a PNG that can be decoded", found=lambda error: f"damaged data: {error}")
+    with in_file(file), damage, PngImageFile(io.BytesIO(read_bytes(file))) as image:
+        with at_field("size"):
+            checked_image_size(image.size)
+        return np.asarray(image.convert("L") if image.mode == "1" else image)

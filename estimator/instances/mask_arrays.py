@@ -20,7 +20,7 @@ from estimator.instances.view_matching import MAX_MASKS, ViewLookup, finish_inst
 from estimator.projection.cameras import MAX_PIXELS
 from estimator.records.scene import Instance, Scene
 from metric_base.arrays import BoolArray
-from metric_base.errors import FieldError, Unquoted, at_field, expect, in_file
+from metric_base.errors import FieldError, Unquoted, at_field, damage_as_field_error, expect, in_file
 from metric_base.input_files import read_bytes, read_json
 from metric_base.parsing import json_object, json_records
 
@@ -134,7 +134,7 @@ def _read(file: Path) -> ImageMasks:
 
 def _arrays(data: bytes, suffix: str) -> Iterator[tuple[str, np.ndarray[Any, Any]]]:
     """Yield names and arrays, of any shape, of an .npz or .npy file; the size is checked before unpacking."""
-    try:
+    with damage_as_field_error("NumPy arrays of numbers or text", field="arrays"):
         if suffix == ".npy":
             yield "masks", np.load(io.BytesIO(data), allow_pickle=False)
             return
@@ -143,9 +143,3 @@ def _arrays(data: bytes, suffix: str) -> Iterator[tuple[str, np.ndarray[Any, Any
         expect(size <= MAX_MASK_BYTES, "size", f"at most {MAX_MASK_BYTES:,} bytes unpacked", size)
         with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
             yield from ((name, arrays[name]) for name in arrays.files)
-    except FieldError:
-        raise
-    except Exception as error:  # noqa: BLE001 - NumPy and zipfile raise a dozen types for damaged data
-        raise FieldError(
-            "arrays", "NumPy arrays of numbers or text", Unquoted(str(error) or type(error).__name__)
-        ) from None

@@ -11,7 +11,7 @@ from estimator.projection.cameras import make_camera
 from estimator.reconstructions.ply import read_points
 from estimator.records.scene import MAX_COORDINATE, Camera, View
 from metric_base.arrays import FloatArray
-from metric_base.errors import FieldError, InputError, Unquoted, expect
+from metric_base.errors import FieldError, InputError, Unquoted, damage_as_field_error, expect
 from metric_base.images import image_size
 from metric_base.input_files import is_file
 
@@ -166,7 +166,7 @@ def glb_parts(file: Path) -> list[tuple[FloatArray, FloatArray]]:
     """
     from models3d.gltf.document import GltfDocument, world_transforms
 
-    try:
+    with damage_as_field_error("nodes, meshes and primitives of glTF 2.0"):
         document = GltfDocument.open(file)
         world, parts = world_transforms(document.nodes), []
         for node, matrix in zip(document.nodes, world, strict=True):
@@ -177,10 +177,5 @@ def glb_parts(file: Path) -> list[tuple[FloatArray, FloatArray]]:
                 parts.append(
                     (points, document.accessor(attributes["TEXCOORD_0"], (2,)) if has_uv else np.empty((0, 2)))
                 )
-    except FieldError:
-        raise
-    except (ValueError, LookupError, TypeError, AttributeError, ArithmeticError) as error:
-        damage = Unquoted(f"{type(error).__name__}: {error}")
-        raise FieldError("content", "nodes, meshes and primitives of glTF 2.0", damage) from None
     expect(parts, "meshes", "at least one with vertices", 0)
     return parts

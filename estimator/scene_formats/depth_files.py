@@ -17,10 +17,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimator.records.network_outputs import DEPTH_KEYS, FOCAL_KEYS, INTRINSICS_KEYS, UNIDEPTH_KEYS
 from metric_base.arrays import FloatArray
-from metric_base.errors import InputError, Unquoted
+from metric_base.errors import InputError, Unquoted, damage_as_field_error, in_file
 from metric_base.images import read_image
 
 #: First bytes of an EXR file, as a number.
@@ -45,17 +46,6 @@ EXR_POINT_CHANNELS = ("R", "G", "B")
 SUFFIXES = (".npy", ".npz", ".exr", ".pfm", ".png")
 
 
-@dataclass(frozen=True, slots=True)
-class _Header:
-    """Header of an EXR file."""
-
-    channels: tuple[tuple[str, np.dtype[np.generic]], ...]  #: Name and type, in the order of the file.
-    compression: int
-    width: int
-    height: int
-    end: int  #: Position of the table of offsets.
-
-
 def read_exr(file: Path, data: bytes | None = None, *, is_points: bool = False) -> FloatArray:
     """Read the depth channel (h, w) of an EXR file, or its only channel.
 
@@ -75,22 +65,47 @@ def read_exr(file: Path, data: bytes | None = None, *, is_points: bool = False) 
     if data is None:
         data = file.read_bytes() if file.stat().st_size <= MAX_EXR_BYTES else b""
     try:
-        header = _exr_header(data)
-        names = [name for name, _ in header.channels]
+        pixels = _exr_pixels(data)
+        names = pixels.dtype.names or ()
         if is_points:
-            return np.stack([_exr_channel(data, header, names.index(name)) for name in EXR_POINT_CHANNELS], axis=-1)
+            return np.stack([pixels[name].astype(np.float64) for name in EXR_POINT_CHANNELS], axis=-1)
         wanted = next((name for name in EXR_DEPTH_CHANNELS if name in names), names[0] if len(names) == 1 else None)
         if wanted is None:
             raise ValueError(f"channels {', '.join(names)}")
-        return _exr_channel(data, header, names.index(wanted))
+        return pixels[wanted].astype(np.float64)
     except (struct.error, ValueError, KeyError, IndexError, OverflowError, zlib.error) as error:
         content = "the channels R, G, B" if is_points else "one depth channel"
         expected = f"an OpenEXR image in scan lines, uncompressed or ZIP, with {content}"
         raise InputError.at(file, "image", expected, Unquoted(str(error) or type(error).__name__)) from None
 
 
-def _exr_header(data: bytes) -> _Header:
-    """Return the header; ValueError, or an error of `struct`, if it has another layout or is damaged."""
+def _exr_pixels(data: bytes) -> NDArray[np.void]:
+    """Return the scan lines (h,), records with the w values of each channel; errors as for `_exr_header`."""
+    line, height, n_lines, table = _exr_header(data)
+    pixels = np.empty(height, line)
+    for number, offset in enumerate(struct.unpack_from(f"<{-(-height // n_lines)}Q", data, table)):
+        rows = pixels[number * n_lines : (number + 1) * n_lines]
+        (size,) = struct.unpack_from("<i", data, offset + 4)
+        packed = data[offset + 8 : offset + 8 + size]
+        block = np.frombuffer(packed, dtype=np.uint8)
+        if size != rows.nbytes:
+            # A ZIP block: its differences are summed, and its two halves are interleaved.
+            raw = np.frombuffer(zlib.decompressobj().decompress(packed, rows.nbytes), dtype=np.uint8).astype(np.int64)
+            if len(raw) != rows.nbytes:
+                raise ValueError("a block that ends early")
+            raw[1:] -= 128
+            summed = np.cumsum(raw).astype(np.uint8)
+            block, half = np.empty(rows.nbytes, dtype=np.uint8), (rows.nbytes + 1) // 2
+            block[0::2], block[1::2] = summed[:half], summed[half:]
+        rows[:] = block.view(line).reshape(rows.shape)
+    return pixels
+
+
+def _exr_header(data: bytes) -> tuple[np.dtype[np.void], int, int, int]:
+    """Return the record of a scan line, their number, the number of them in a block, and the position of the offsets.
+
+    ValueError, or an error of `struct`, if the file has another layout or is damaged.
+    """
     magic, version = struct.unpack_from("<II", data)
     if magic != EXR_MAGIC or version & EXR_OTHER_LAYOUTS:
         raise ValueError("another format" if magic != EXR_MAGIC else "tiles, deep data or several parts")
@@ -116,37 +131,12 @@ def _exr_header(data: bytes) -> _Header:
         kind, _, step_x, step_y = struct.unpack_from("<IIii", table, position)
         if (step_x, step_y) != (1, 1):
             raise ValueError(f"channel {name} has a coarser grid")
-        channels.append((name, EXR_TYPES[kind]))
+        channels.append((name, EXR_TYPES[kind], (width,)))
         position += 16
-    return _Header(tuple(channels), fields["compression"][0], width, height, end)
-
-
-def _exr_channel(data: bytes, header: _Header, index: int) -> FloatArray:
-    """Return a channel (h, w) from blocks of lines, each with all channels one after the other."""
-    line = sum(kind.itemsize for _, kind in header.channels) * header.width
-    before = sum(kind.itemsize for _, kind in header.channels[:index]) * header.width
-    kind = header.channels[index][1]
-    depth, lines = np.empty((header.height, header.width)), EXR_BLOCK_LINES[header.compression]
-    blocks = -(-header.height // lines)
-    for number, offset in enumerate(struct.unpack_from(f"<{blocks}Q", data, header.end)):
-        first = number * lines
-        count = min(lines, header.height - first)
-        (size,) = struct.unpack_from("<i", data, offset + 4)
-        packed = data[offset + 8 : offset + 8 + size]
-        block = np.frombuffer(packed, dtype=np.uint8)
-        if size != line * count:
-            # A ZIP block: its differences are summed, and its two halves are interleaved.
-            raw = np.frombuffer(zlib.decompressobj().decompress(packed, line * count), dtype=np.uint8).astype(np.int64)
-            if len(raw) != line * count:
-                raise ValueError("a block that ends early")
-            raw[1:] -= 128
-            summed = np.cumsum(raw).astype(np.uint8)
-            block, half = np.empty(line * count, dtype=np.uint8), (line * count + 1) // 2
-            block[0::2], block[1::2] = summed[:half], summed[half:]
-        rows = block.reshape(count, line)
-        rows = rows[:, before : before + kind.itemsize * header.width]
-        depth[first : first + count] = np.ascontiguousarray(rows).view(kind)
-    return depth
+    line = np.dtype(channels)  # the values of each channel, one channel after the other
+    if not 0 < line.itemsize * height <= MAX_EXR_BYTES:
+        raise ValueError(f"{len(channels)} channels of {width} x {height}")
+    return line, height, EXR_BLOCK_LINES[fields["compression"][0]], end
 
 
 def _text(data: bytes, position: int) -> tuple[str, int]:
@@ -268,7 +258,7 @@ def archive_arrays(file: Path, keys: Sequence[str]) -> dict[str, FloatArray]:
     InputError
         The archive is damaged, or an array is larger than any depth map.
     """
-    try:
+    with in_file(file), damage_as_field_error("a NumPy archive", field="archive"):
         with zipfile.ZipFile(file) as entries:
             n_bytes = {entry.filename.removesuffix(".npy"): entry.file_size for entry in entries.infolist()}
         names = [name for name in keys if name in n_bytes]
@@ -279,17 +269,10 @@ def archive_arrays(file: Path, keys: Sequence[str]) -> dict[str, FloatArray]:
         with np.load(file, allow_pickle=False) as archive:
             is_named = bool(set(names) & set(keys))
             return {name if is_named else "": np.asarray(archive[name], dtype=np.float64) for name in names}
-    except Exception as error:  # noqa: BLE001 - NumPy and zipfile raise a dozen kinds for damaged files
-        words = Unquoted(str(error) or type(error).__name__)
-        raise InputError.at(file, "archive", "a NumPy archive", words) from None
 
 
 def read_npy(file: Path) -> FloatArray:
     """Read the values (..., h, w) of a NumPy file, of any shape."""
-    try:
+    with in_file(file), damage_as_field_error("a NumPy array of numbers", field="array"):
         # np.load would open a .npz or a pickle under this name too.
-        values = np.lib.format.open_memmap(file, mode="r")
-        return np.asarray(values, dtype=float)
-    except Exception as error:  # noqa: BLE001 - NumPy raises a dozen kinds for damaged headers
-        words = Unquoted(str(error) or type(error).__name__)
-        raise InputError.at(file, "array", "a NumPy array of numbers", words) from None
+        return np.asarray(np.lib.format.open_memmap(file, mode="r"), dtype=float)

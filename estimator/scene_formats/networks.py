@@ -20,7 +20,7 @@ from estimator.records.scene import DenseCloud, Scene, View
 from estimator.scene_formats.common import FLIP, IMAGE_FOLDERS, MAX_TANGENT, pinhole_camera, posed_view
 from estimator.scene_formats.depth_files import archive_arrays, archive_names, map_stack, read_exr, read_npy
 from metric_base.arrays import FloatArray, IntArray, evenly_spaced
-from metric_base.errors import FieldError, InputError, Unquoted, at_field, expect, in_file
+from metric_base.errors import FieldError, InputError, Unquoted, at_field, damage_as_field_error, expect, in_file
 from metric_base.images import IMAGE_SUFFIXES, image_size
 from metric_base.input_files import folder_entries, read_text
 
@@ -282,7 +282,8 @@ def _array(file: Path, network: NetworkOutput, text: str) -> FloatArray:
     files, array = _source(file, network, text)
     parts: list[FloatArray] = []
     for source in files:
-        try:
+        expected = f"{array or 'numbers'} of {network.network}"
+        with in_file(source), damage_as_field_error(expected):
             if source.suffix == ".npz":
                 parts.append(archive_arrays(source, (array,))[array])
             elif source.suffix == ".npy":
@@ -292,11 +293,6 @@ def _array(file: Path, network: NetworkOutput, text: str) -> FloatArray:
                     parts += [read_exr(source, entries.read(name)) for name in sorted(entries.namelist())]
             else:
                 parts += [np.array(line.split(), dtype=np.float64) for line in read_text(source).splitlines()]
-        except InputError:
-            raise
-        except Exception as error:  # noqa: BLE001 - zipfile raises a dozen kinds for damaged files
-            expected = f"{array or 'numbers'} of {network.network}"
-            raise InputError.at(source, "content", expected, Unquoted(str(error) or type(error).__name__)) from None
     if not parts or any(part.shape != parts[0].shape for part in parts):
         found = Unquoted("none" if not parts else "different shapes")
         raise InputError.at(file, text, f"arrays of one shape ({network.network})", found)

@@ -176,7 +176,7 @@ def insert(request: InsertionRequest, scene: InsertionScene, progress: ProgressC
         if request.renderer == "blender" or export is not None or layers is not None:
             environment = scene.light.environment(objects[0].placement.position, objects[0].height)
             if request.renderer == "blender":
-                tracing = traced_layers(objects, frames, environment, progress)
+                tracing = traced_layers(objects, footage, scene.content, environment, progress)
         compositor = Compositor(
             objects,
             scene.light,

@@ -20,6 +20,8 @@ from tests.synthetic.rooms.world import World
 
 __all__ = ["FOCAL", "ROOMS", "SIZE", "TO_JOB", "VIEWS", "TracedRoom", "traced_images"]
 
+#: Script for Blender that renders the rooms.
+SCRIPT = Path(__file__).with_name("traced_script.py")
 #: Width and height of the images, and focal length, in pixels.
 SIZE = (192, 144)
 FOCAL = 150.0
@@ -86,7 +88,7 @@ def traced_images(
     missing = [k for k in rows if not (traced / f"{k:06d}.npy").is_file()]
     if missing:
         objects = [*_room_files(world, room, out), *([] if item is None else [item])]
-        run_blender(_job(world, room, missing, objects, traced), out)
+        run_blender(_job(world, room, missing, objects, traced), out, script=SCRIPT)
     return [_developed(traced / f"{k:06d}.npy", out) for k in rows]
 
 
@@ -159,13 +161,11 @@ def _job(
     return {
         "objects": objects,
         "lights": _lights(room, world),
-        "environment": None,
         "window": {"width": SIZE[0], "height": SIZE[1], "fx": FOCAL, "fy": FOCAL, "cx": SIZE[0] / 2, "cy": SIZE[1] / 2},
         "keys": [
             {"stem": f"{row:06d}", "time_s": float(row), "matrix": _camera_matrix(world, row).tolist()} for row in rows
         ],
         "samples": SAMPLES,
-        "transparent": False,
         "out": str(out.resolve()),
     }
 

@@ -62,6 +62,7 @@ def insertion_job(
     """
     transform = metric_transform(objects)
     keys, models = camera_keyframes(frames, transform), []
+    albedo = support_albedo(environment)
     for index, item in enumerate(objects):
         file = item.request.model
         if item.model.animations:  # the pose of the first frame
@@ -70,10 +71,7 @@ def insertion_job(
         models.append({"file": str(file.resolve()), "matrix": object_matrix(item, transform).tolist()})
     return {
         "objects": models,
-        "catchers": [
-            {"corners": corners.tolist(), "albedo": support_albedo(environment)}
-            for corners in catcher_corners(objects, transform)
-        ],
+        "catchers": [{"corners": corners.tolist(), **albedo} for corners in catcher_corners(objects, transform)],
         "environment": str(write_environment(environment, folder / "environment.hdr")),
         "window": _window(window_of(keys[0].camera)),
         "keys": [
@@ -132,11 +130,11 @@ def _window(window: Window) -> dict[str, float]:
     }  # fmt: skip
 
 
-def support_albedo(environment: Environment) -> list[float]:
-    """Return the albedo (3,) of the support, 0.05 to 0.9: radiance below the object over irradiance above it."""
-    below = environment.radiance[-8:].mean(axis=(0, 1))
-    above = environment.irradiance(environment.basis[2])
-    return [float(v) for v in np.clip(np.pi * below / np.maximum(above, 1e-6), 0.05, 0.9)]
+def support_albedo(environment: Environment) -> dict[str, list[float]]:
+    """Return the albedo (3,) of the support by the radiance below the object, 0.05 to 0.9, and per unit of radiance."""
+    per_radiance = np.pi / np.maximum(environment.irradiance(environment.basis[2]), 1e-6)
+    albedo = np.clip(per_radiance * environment.radiance[-8:].mean(axis=(0, 1)), 0.05, 0.9)
+    return {"albedo": albedo.tolist(), "albedo_per_radiance": per_radiance.tolist()}
 
 
 def write_environment(environment: Environment, file: Path) -> Path:

@@ -17,16 +17,21 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from insertion.blender.job import ideal_window, insertion_job
+from insertion.colour import srgb_to_linear
+from insertion.composite.camera_look import measure_gain
+from insertion.exports.compositing import exr_bytes, lens_maps
 from insertion.exports.export_folder import image_names
 from insertion.exports.metric_frame import frame_rate
-from insertion.footage.footage import Frame
+from insertion.footage.footage import Footage, Frame
 from insertion.light.environment_map import Environment
 from insertion.placement.placed_object import PlacedObject
 from insertion.render.layers import through_lens
+from insertion.scene.frame_masks import FrameContent
 from insertion.scene.pixel_box import PixelBox
 from metric_base.errors import InputError
 from metric_base.progress import ProgressCallback, silent
@@ -70,7 +75,7 @@ def write_layer_scene(
     (target / "job.json").write_text(json.dumps(job, indent=1) + "\n", encoding="utf-8")
 
 
-def blender_program() -> list[str]:
+def blender_program(script: Path = _SCRIPT) -> list[str]:
     """Return the command that runs a script in Blender. Raises InputError if Blender is not installed."""
     stated = os.environ.get(VARIABLE)
     program = shutil.which(stated or "blender")
@@ -79,12 +84,14 @@ def blender_program() -> list[str]:
         reason = f"found no program {stated!r}" if stated else "found no blender on PATH"
         raise InputError(f"--renderer blender: {reason}; {how}")
     if "python" in Path(program).name:
-        return [program, str(_SCRIPT)]
-    return [program, "--background", "--factory-startup", "--python", str(_SCRIPT), "--"]
+        return [program, str(script)]
+    return [program, "--background", "--factory-startup", "--python", str(script), "--"]
 
 
-def run_blender(job: Mapping[str, Any], folder: Path, progress: ProgressCallback = silent) -> None:
-    """Run a job (see `script.py`) with its files in `folder`. Raises InputError if Blender fails."""
+def run_blender(
+    job: Mapping[str, Any], folder: Path, progress: ProgressCallback = silent, script: Path = _SCRIPT
+) -> None:
+    """Run a job (see `script.py`) by a script with its files in `folder`. Raises InputError if Blender fails."""
     file = folder / "job.json"
     file.write_text(json.dumps(job), encoding="utf-8")
     # Blender's Python must not find the packages of this environment
@@ -92,7 +99,7 @@ def run_blender(job: Mapping[str, Any], folder: Path, progress: ProgressCallback
     n_images = len(job["keys"]) if job.get("out") else 0
     log_file = folder / "log.txt"
     with log_file.open("w", encoding="utf-8") as log:
-        argv = [*blender_program(), str(file)]
+        argv = [*blender_program(script), str(file)]
         process = subprocess.Popen(argv, stdout=log, stderr=subprocess.STDOUT, env=environment)
         try:
             while process.poll() is None:
@@ -112,21 +119,33 @@ def run_blender(job: Mapping[str, Any], folder: Path, progress: ProgressCallback
 @contextmanager
 def traced_layers(
     objects: Sequence[PlacedObject],
-    frames: Sequence[Frame],
+    footage: Footage,
+    content: FrameContent,
     environment: Environment,
     progress: ProgressCallback = silent,
 ) -> Iterator[Callable[[Frame], Layer]]:
-    """Provide a function that returns the layer (h, w, 4) of a frame through the lens; one run renders all frames."""
-    posed = [frame for frame in frames if frame.view is not None]
+    """Provide a function that returns the layer (h, w, 4) of a frame through the lens; one run renders all frames.
+
+    Glass transmits the frames with the exposure of the light, which is that of the colours of the cloud.
+    """
+    posed = [frame for frame in footage.frames if frame.view is not None]
     with tempfile.TemporaryDirectory(prefix="insert-object-") as name:
         folder = Path(name)
         job = insertion_job(objects, posed, environment, folder)
+        keys = {frame.index: key for frame, key in zip(posed, job["keys"], strict=True)}
+        for frame, image in footage:
+            if frame.view is not None:
+                gain = measure_gain(image, content.at(frame).points, content.cloud)
+                light = np.dstack([srgb_to_linear(image) / gain, np.ones(image.shape[:2])]).astype(np.float32)
+                back = lens_maps(frame.view.camera)[1]
+                file = folder / f"plate{frame.index}.exr"
+                file.write_bytes(exr_bytes(cv2.remap(light, back[..., 0], back[..., 1], cv2.INTER_LINEAR)))
+                keys[frame.index]["plate"] = str(file)
         run_blender(job | {"out": str(folder)}, folder, progress)
-        stems = {frame.index: f"{number:06d}" for number, frame in enumerate(posed)}
 
         def layer(frame: Frame) -> Layer:
             assert frame.view is not None  # other frames have no objects
-            ideal = np.load(folder / f"{stems[frame.index]}.npy", allow_pickle=False).astype(np.float32)
+            ideal = np.load(folder / f"{keys[frame.index]['stem']}.npy", allow_pickle=False).astype(np.float32)
             camera = frame.view.camera
             return through_lens(ideal, frame.view, PixelBox(0, 0, camera.width, camera.height))
 

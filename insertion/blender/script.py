@@ -23,15 +23,13 @@ def main(job: dict[str, Any]) -> None:
     scene = bpy.context.scene
     for item in job["objects"]:
         add_model(item)
-    for light in job.get("lights", []):
-        add_light(light)
-    for catcher in job.get("catchers", []):
+    for catcher in job["catchers"]:
         add_catcher(catcher)
-    set_world(scene, job.get("environment"))
+    set_world(scene, job["environment"])
+    use_cycles(scene)
     camera = add_camera(scene, job)
     if job.get("blend"):
         bpy.ops.file.pack_all()  # the file of the environment is temporary
-        use_cycles(scene)
         if job.get("plates"):
             add_plates(scene, camera.data, Path(job["blend"]).parent, job["plates"])
         bpy.ops.wm.save_as_mainfile(filepath=job["blend"], compress=True)
@@ -54,18 +52,11 @@ def add_model(item: dict[str, Any]) -> None:
     anchor.matrix_world = Matrix((TURN @ np.array(item["matrix"]) @ np.linalg.inv(TURN)).tolist())
 
 
-def add_light(light: dict[str, Any]) -> None:
-    """Add a square area light with a power in watts, which shines along -z of its matrix."""
-    data = bpy.data.lights.new("lamp", "AREA")
-    data.shape, data.size, data.energy = "SQUARE", light["size"], light["power"]
-    data.color = light.get("colour", (1, 1, 1))
-    entry = bpy.data.objects.new("lamp", data)
-    entry.matrix_world = Matrix((TURN @ np.array(light["matrix"])).tolist())
-    bpy.context.scene.collection.objects.link(entry)
-
-
 def add_catcher(catcher: dict[str, Any]) -> None:
-    """Add a shadow catcher with `corners` (4, 3), which reflects light onto the objects by its `albedo`."""
+    """Add a shadow catcher with `corners` (4, 3), which reflects light onto the objects.
+
+    The albedo is `albedo`, or with a plate (`project_plate`) `albedo_per_radiance` times its radiance.
+    """
     mesh = bpy.data.meshes.new("support")
     corners = np.array(catcher["corners"]) @ TURN[:3, :3].T
     mesh.from_pydata([tuple(corner) for corner in corners.tolist()], [], [(0, 1, 2, 3)])
@@ -76,20 +67,17 @@ def add_catcher(catcher: dict[str, Any]) -> None:
     surface.inputs["Roughness"].default_value = 0.9
     mesh.materials.append(material)
     entry = bpy.data.objects.new("support", mesh)
-    entry.is_shadow_catcher = True
+    entry.is_shadow_catcher, entry["albedo_per_radiance"] = True, catcher["albedo_per_radiance"]
     bpy.context.scene.collection.objects.link(entry)
 
 
-def set_world(scene: Any, file: str | None) -> None:
-    """Set an equirectangular image as the environment, or black."""
+def set_world(scene: Any, file: str) -> None:
+    """Set an equirectangular image as the environment."""
     world = bpy.data.worlds.new("world")
     scene.world = world
     world.use_nodes = True
     nodes, links = world.node_tree.nodes, world.node_tree.links
     background = nodes["Background"]
-    if file is None:
-        background.inputs["Color"].default_value = (0, 0, 0, 1)
-        return
     texture = nodes.new("ShaderNodeTexEnvironment")
     texture.image = bpy.data.images.load(file)
     texture.image.colorspace_settings.name = "Linear Rec.709"
@@ -151,11 +139,12 @@ def add_plates(scene: Any, data: Any, folder: Path, plates: dict[str, Any]) -> N
 
 
 def show_plate(scene: Any, data: Any, image: Any, play: Callable[[Any], None]) -> None:
-    """Show an image behind a camera, and composite the rendered image over it; `play` sets the frames of the image."""
+    """Show an image behind a camera, composite the rendered image over it, and project it (see `project_plate`)."""
     data.show_background_images = True
     background = data.background_images.new()
     background.image = image
     play(background.image_user)
+    project_plate(scene, image, play)
     if not hasattr(scene, "compositing_node_group"):  # Blender 4
         return
     tree, output = compositor(scene)
@@ -165,6 +154,41 @@ def show_plate(scene: Any, data: Any, image: Any, play: Callable[[Any], None]) -
     tree.links.new(plate.outputs["Image"], over.inputs["Background"])
     tree.links.new(rendered.outputs["Image"], over.inputs["Foreground"])
     tree.links.new(over.outputs[0], output.inputs[0])
+
+
+def project_plate(scene: Any, image: Any, play: Callable[[Any], None]) -> None:
+    """Let glass transmit an image of the camera, and give its colours to the supports; `play` sets its frames.
+
+    Positions are projected into the image; the background of the world is infinitely far away. The environment and the
+    albedo of the supports are used for positions that the image does not show.
+    """
+    world = scene.world.node_tree
+    transmitted = world.nodes.new("ShaderNodeLightPath").outputs["Is Transmission Ray"]
+    inputs = [(world, world.nodes["Background"].inputs["Color"], transmitted, (1.0, 1.0, 1.0))]
+    for entry in (entry for entry in scene.objects if entry.is_shadow_catcher):
+        tree = entry.data.materials[0].node_tree
+        inputs.append((tree, tree.nodes["Principled BSDF"].inputs["Base Color"], None, entry["albedo_per_radiance"]))
+    for tree, colour, rays, factor in inputs:
+        position, plate, weight, scaled, mix = (
+            tree.nodes.new(f"ShaderNode{kind}") for kind in ("TexCoord", "TexImage", "Math", "VectorMath", "Mix")
+        )
+        plate.image, plate.extension = image, "CLIP"  # the alpha is 0 outside of the image
+        play(plate.image_user)
+        tree.links.new(position.outputs["Window"], plate.inputs["Vector"])
+        tree.links.new(plate.outputs["Alpha"], weight.inputs[0])
+        weight.operation, weight.inputs[1].default_value = "MULTIPLY", 1.0
+        if rays is not None:
+            tree.links.new(rays, weight.inputs[1])
+        scaled.operation, scaled.inputs[1].default_value = "MULTIPLY", factor
+        tree.links.new(plate.outputs["Color"], scaled.inputs[0])
+        mix.data_type, mix.clamp_result = "RGBA", rays is None  # an albedo is at most 1
+        first, second = (entry for entry in mix.inputs if entry.type == "RGBA")
+        first.default_value = colour.default_value
+        if colour.is_linked:
+            tree.links.new(colour.links[0].from_socket, first)
+        tree.links.new(weight.outputs[0], mix.inputs["Factor"])
+        tree.links.new(scaled.outputs["Vector"], second)
+        tree.links.new(next(entry for entry in mix.outputs if entry.type == "RGBA"), colour)
 
 
 def compositor(scene: Any) -> tuple[Any, Any]:
@@ -189,20 +213,24 @@ def set_lens(scene: Any, data: Any, window: dict[str, float]) -> None:
 
 def render(scene: Any, camera: Any, job: dict[str, Any]) -> None:
     """Write a `.npy` (h, w, 4) of linear premultiplied light per keyframe, with the top row first."""
-    scene.render.engine = "CYCLES"
     cycles = scene.cycles
     cycles.device, cycles.samples, cycles.use_denoising = "CPU", job["samples"], True
     cycles.use_adaptive_sampling, cycles.max_bounces, cycles.seed = True, 6, 0
     scene.render.threads_mode, scene.render.threads = "FIXED", 2
-    scene.render.film_transparent = job.get("transparent", True)
     scene.render.use_persistent_data = True
     settings = scene.render.image_settings
     settings.file_format, settings.color_mode, settings.color_depth = "OPEN_EXR", "RGBA", "32"
     camera.animation_data_clear()
     camera.data.animation_data_clear()
+    plate = None
     for key in job["keys"]:
         camera.matrix_world = Matrix((TURN @ np.array(key["matrix"])).tolist())
         set_lens(scene, camera.data, key.get("window", job["window"]))
+        if plate is not None:
+            plate.filepath = key["plate"]
+        elif "plate" in key:
+            plate = bpy.data.images.load(key["plate"])
+            project_plate(scene, plate, lambda _: None)
         file = f"{job['out']}/{key['stem']}.exr"
         scene.render.filepath = file
         bpy.ops.render.render(write_still=True)

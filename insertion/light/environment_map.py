@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,18 +83,21 @@ def prefiltered_environment(environment: Environment) -> list[NDArray[np.float32
 
     rows, columns = HEIGHT // _SOURCE_SHAPE[0], WIDTH // _SOURCE_SHAPE[1]
     blocks = environment.radiance.reshape(_SOURCE_SHAPE[0], rows, _SOURCE_SHAPE[1], columns, 3)
-    source = np.asarray(blocks.mean(axis=(1, 3)), dtype=np.float64)
-    directions = map_directions(*_SOURCE_SHAPE).reshape(-1, 3)
-    weight = np.repeat(solid_angles(*_SOURCE_SHAPE), _SOURCE_SHAPE[1])  # (s,)
+    source = np.asarray(blocks.mean(axis=(1, 3)), dtype=np.float32)
     sharp = enlarged_map(environment.radiance, MIRROR)
     levels = [sharp if environment.detail is None else sharp * environment.detail]
     levels.append(np.asarray(cv2.resize(levels[0], None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), np.float32))
-    for level in range(2, LEVELS + 1):
-        shape = (MIRROR * HEIGHT >> level + 1, MIRROR * WIDTH >> level + 1)
-        lobe = ggx_lobe(map_directions(*shape).reshape(-1, 3) @ directions.T, (level / LEVELS) ** 2) * weight
-        lobe /= lobe.sum(axis=1, keepdims=True)
-        levels.append(enlarged_map((lobe @ source.reshape(-1, 3)).reshape(*shape, 3), 2))
-    return levels
+    return levels + [enlarged_map(_lobes(level) @ source.reshape(-1, 3), 2) for level in range(2, LEVELS + 1)]
+
+
+@lru_cache(maxsize=LEVELS)
+def _lobes(level: int) -> NDArray[np.float32]:
+    """Return the weights (h, w, s) of the cells of the source in the cells of a blurred level of half the size."""
+    shape = (MIRROR * HEIGHT >> level + 1, MIRROR * WIDTH >> level + 1)
+    directions, weight = map_directions(*_SOURCE_SHAPE).reshape(-1, 3), solid_angles(*_SOURCE_SHAPE)
+    lobes = ggx_lobe(map_directions(*shape) @ directions.T, (level / LEVELS) ** 2)
+    lobes *= np.repeat(weight, _SOURCE_SHAPE[1])
+    return np.asarray(lobes / lobes.sum(axis=-1, keepdims=True), dtype=np.float32)
 
 
 def enlarged_map(radiance: NDArray[np.floating], factor: int) -> NDArray[np.float32]:

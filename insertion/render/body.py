@@ -37,12 +37,6 @@ class BodyPart:
     material: Material
 
     @property
-    def ends(self) -> FloatArray:
-        """(8, 3) corners of the bounding box."""
-        ends = zip(self.vertices.min(axis=0), self.vertices.max(axis=0), strict=True)
-        return np.stack(np.meshgrid(*ends), axis=-1).reshape(-1, 3)
-
-    @property
     def is_closed(self) -> bool:
         """Whether nearly every edge joins two triangles, which then enclose a volume."""
         rows = np.unique(self.vertices.round(VERTEX_DECIMALS), axis=0, return_inverse=True)[1].ravel()[self.faces]

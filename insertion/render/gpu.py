@@ -19,6 +19,8 @@ from models3d.model import Material
 #: Texture unit of each texture of the material, by its name in the shader.
 _UNITS = {"base_texture": 3, "surface_texture": 4, "normal_texture": 5, "emissive_texture": 6}
 _LAYOUT = "3f 3f 2f 4f"
+#: Layout and attributes of the vertices that cast a shadow.
+CAST_LAYOUT = "3f 12x 2f 16x", "place", "uv"
 _SHADERS = Path(__file__).parent / "shaders"
 
 
@@ -27,8 +29,7 @@ class GpuPart:
     """A part on the graphics card.
 
     `drawn`, `gathered` and `cast` are its vertex arrays for the image, the geometry buffers and the shadows, and
-    `buffers` the buffers of its vertices and faces. `textures` are keyed by name, `middle` (3,) is the mean vertex, and
-    `ends` (8, 3) are the corners of the bounding box.
+    `buffers` the buffers of its vertices and faces. `textures` are keyed by name, `middle` (3,) is the mean vertex.
     Glass that `is_solid` refracts; a sheet without a thickness does not.
     """
 
@@ -38,14 +39,13 @@ class GpuPart:
     textures: dict[str, Any]
     material: Material
     middle: NDArray[np.float64]
-    ends: NDArray[np.float64]
     buffers: tuple[Any, Any]
     is_solid: bool = False
 
     def at_vertices(self, part: BodyPart) -> GpuPart:
         """Write the vertices of a body part to the buffer, and return the updated part, which replaces this one."""
         self.buffers[0].write(_rows(part))
-        return replace(self, middle=part.vertices.mean(axis=0), ends=part.ends)
+        return replace(self, middle=part.vertices.mean(axis=0))
 
     def release(self) -> None:
         """Release the memory of the graphics card."""
@@ -79,13 +79,13 @@ def load_part(
     names = ("place", "normal", "uv", "tint")
     drawn = context.vertex_array(surface_program, [(vertices, _LAYOUT, *names)], index)
     gathered = geometry_program and context.vertex_array(geometry_program, [(vertices, _LAYOUT, *names)], index)
-    cast = context.vertex_array(shadow_program, [(vertices, "3f 12x 2f 16x", "place", "uv")], index)
+    cast = context.vertex_array(shadow_program, [(vertices, *CAST_LAYOUT)], index)
     material = part.material
     stored = {name: getattr(material, name) for name in _UNITS}
     textures = {name: _texture(context, pixels) for name, pixels in stored.items() if pixels is not None}
     is_solid = material.transmission > 0 and part.is_closed
     middle, buffers = part.vertices.mean(axis=0), (vertices, index)
-    return GpuPart(drawn, gathered, cast, textures, material, middle, part.ends, buffers, is_solid)
+    return GpuPart(drawn, gathered, cast, textures, material, middle, buffers, is_solid)
 
 
 def _rows(part: BodyPart) -> bytes:
@@ -105,8 +105,9 @@ def _texture(context: Any, pixels: NDArray[np.uint8]) -> Any:
 
 
 def _set(program: Any, name: str, value: object) -> None:
-    if name in program:
-        program[name].value = value
+    uniform = program.get(name, None)  # a test by `in` iterates over all uniforms
+    if uniform is not None:
+        uniform.value = value
 
 
 class NoRenderer(InputError):

@@ -24,7 +24,7 @@ from insertion.scene.camera_rays import Window
 from metric_base.arrays import FloatArray
 
 #: Divisions of the environment into 2 ** cuts lights, for objects and for the support plane (computed only once).
-OBJECT_CUTS, PLANE_CUTS = 6, 8
+OBJECT_CUTS, PLANE_CUTS = 6, 7
 SAMPLES = 4
 #: Minimum component of a refracted ray along the optical axis; rays that turn further show the edge of the image.
 MIN_AHEAD = 0.3
@@ -146,7 +146,7 @@ class ObjectRenderer:
         loaded = [self._load(part) for other in earlier if body.is_near(other) for part in body.parts_of(other)]
         sunlit = self._sunlit_fraction if self._has_sun else None
         self.plane: ShadowCatcher = shadow_catcher(
-            self._context, self._cast, self._parts, above, returned, body.basis, body.corners, loaded, sunlit
+            self._context, self._parts, above, returned, body.basis, body.corners, loaded, sunlit
         )
         release(*loaded)
         for shaded in (self._program, self._light, self._receive):

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from insertion.light.light_samples import LightSamples
-from insertion.render.gpu import GpuPart, release
+from insertion.render.gpu import CAST_LAYOUT, GpuPart, read_layer, release
 from insertion.render.gpu import program as program_of
 from metric_base.arrays import FloatArray
 
@@ -90,14 +90,17 @@ def shadow_atlas(context: Any, program: Any, parts: Sequence[GpuPart], lights: L
         clip[3, :3] = -lights.near[row] * direction  # a light at a finite distance sees in perspective
         clip[:, 3] = -clip[:, :3] @ caster.centre + [0, 0, 0, 1]
         target.viewport = (row % tiles * TILE, row // tiles * TILE, TILE, TILE)
-        _cast(program, parts, clip)
+        program["clip"].write(clip.T.astype("f4").tobytes())
+        for part in parts:
+            if _is_opaque(part):
+                part.bind(program)
+                part.cast.render()
     target.release()
     return atlas
 
 
 def shadow_catcher(
     context: Any,
-    program: Any,
     parts: Sequence[GpuPart],
     lights: LightSamples,
     returned: FloatArray,
@@ -138,17 +141,13 @@ def shadow_catcher(
     at = ((np.arange(OPEN_PIXELS) + 0.5) / OPEN_PIXELS * 2 - 1) * reach
     plane = np.stack([*np.meshgrid(at, at), np.zeros((OPEN_PIXELS, OPEN_PIXELS))], axis=-1)  # (p, p, 3)
     reaching = np.ones(plane.shape[:2]) if sunlit is None else sunlit(plane @ basis)
-    arguments = (context, program, lights, local, returned, basis, reach, reaching)
-    missing = _missing_light(*arguments, [*parts, *others])
-    before = np.zeros_like(missing) if not others else _missing_light(*arguments, others)
-    left = _open_light(local, lights, plane, reaching) - before
-    share = 1 - np.maximum(missing - before, 0.0) / np.maximum(left, 1e-12)
+    missing, before = _missing_light(context, lights, local, returned, basis, reach, reaching, parts, others)
+    share = 1 - missing / np.maximum(_open_light(local, lights, plane, reaching) - before, 1e-12)
     return ShadowCatcher(np.clip(share, 0.0, 1.0).astype(np.float32), reach)
 
 
 def _missing_light(
     context: Any,
-    program: Any,
     lights: LightSamples,
     local: FloatArray,
     returned: FloatArray,
@@ -156,25 +155,33 @@ def _missing_light(
     reach: float,
     reaching: FloatArray,
     parts: Sequence[GpuPart],
-) -> NDArray[np.float32]:
-    """Return the irradiance (MAP_PIXELS, MAP_PIXELS, 3) that parts occlude on the plane.
+    others: Sequence[GpuPart],
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return the irradiance (MAP_PIXELS, MAP_PIXELS, 3) that only parts occlude on the plane, and that of the others.
 
     `local` (n, 3) are the directions of the lights along the axes of the plane, `reaching` (p, p) is the fraction of
-    the lamps that the scene lets through.
+    the lamps that the scene lets through. Each light has a depth closer than that of the previous one, so that the
+    depth test passes one triangle per pixel and light: the others before the parts, and glass, which removes less
+    light, last.
     """
-    blocked = context.texture((MAP_PIXELS, MAP_PIXELS), 4, dtype="f1")
-    lost = context.texture((MAP_PIXELS, MAP_PIXELS), 4, dtype="f4")
+    size = (MAP_PIXELS, MAP_PIXELS)
+    lost = [context.texture(size, 4, dtype="f4") for _ in range(2)]
+    sums = context.framebuffer(lost, context.depth_renderbuffer(size))
     masks = [
         context.texture(values.shape[::-1], 1, values.astype("f4").tobytes(), dtype="f4")
         for values in (np.ones((1, 1)), reaching)
     ]
-    flat, sums = context.framebuffer([blocked]), context.framebuffer([lost])
-    weigh = program_of(context, "full.vert", "accumulate.frag")
-    weigh["reach"].value, weigh["reaching"].value = reach, 1
-    quad = context.buffer(np.array([-1, -1, 1, -1, -1, 1, 1, 1], "f4").tobytes())
-    cover = context.vertex_array(weigh, [(quad, "2f", "corner")])
-    sums.clear()
-    ends = np.concatenate([part.ends for part in parts])
+    program = program_of(context, "depth_only.vert", "catcher.frag", SIDE=MAP_PIXELS)
+    program["reach"].value, program["reaching"].value = reach, 1
+    casters = [part for part in (*others, *parts) if _is_opaque(part) or part.material.transmission > 0]
+    casters.sort(key=lambda part: part.material.transmission)
+    are_others = [any(part is other for other in others) for part in casters]
+    arrays = [context.vertex_array(program, [(part.buffers[0], *CAST_LAYOUT)], part.buffers[1]) for part in casters]
+    removed = [1 - part.material.transmission * GLASS_TRANSMITTANCE * part.material.tint for part in casters]
+    sums.use()
+    sums.clear(depth=1.0)
+    context.enable(context.DEPTH_TEST | context.BLEND)
+    context.blend_func = context.ONE, context.ONE
     for number, (direction, near, power, back) in enumerate(
         zip(local, lights.near, lights.power, returned, strict=True)
     ):
@@ -182,25 +189,19 @@ def _missing_light(
         # shifted by a fraction of a pixel, so that the sum has smooth edges
         shift = np.mod(number * np.array([0.7548777, 0.5698403]), 1.0) * 2 - 1
         matrix[:2] += shift[:, None] / MAP_PIXELS * matrix[3]
-        flat.scissor = sums.scissor = _part_of_map(matrix, ends)
-        flat.use()
-        context.disable(context.DEPTH_TEST)
-        flat.clear()
-        context.enable(context.BLEND)
-        context.blend_equation = context.MAX
-        _cast(program, parts, matrix, with_glass=True)
-        context.blend_equation = context.FUNC_ADD
-        sums.use()
-        context.blend_func = context.ONE, context.ONE
-        blocked.use(0)
+        program["clip"].write(matrix.T.astype("f4").tobytes())
+        program["depth"].value = 1 - (number + 1) / (len(local) + 1)
         masks[int(near > 0)].use(1)
-        weigh["direction"].value, weigh["near"].value = tuple(float(v) for v in direction), float(near)
-        weigh["power"].value, weigh["returned"].value = tuple(map(float, power)), tuple(map(float, back))
-        cover.render(mode=context.TRIANGLE_STRIP)
-    context.disable(context.BLEND)
-    missing = np.frombuffer(sums.read(components=3, dtype="f4"), "f4").reshape(MAP_PIXELS, MAP_PIXELS, 3).copy()
-    release(cover, quad, weigh, flat, sums, blocked, lost, *masks)
-    return missing
+        program["direction"].value, program["near"].value = tuple(float(v) for v in direction), float(near)
+        program["power"].value, program["returned"].value = tuple(map(float, power)), tuple(map(float, back))
+        for part, array, loss, is_other in zip(casters, arrays, removed, are_others, strict=True):
+            part.bind(program)
+            program["removed"].value, program["is_other"].value = tuple(map(float, loss)), is_other
+            array.render()
+    context.disable(context.DEPTH_TEST | context.BLEND)
+    missing, before = (read_layer(sums, size, row, 3).copy() for row in range(2))
+    release(*arrays, program, sums, *lost, *masks)
+    return missing, before
 
 
 def _open_light(
@@ -222,17 +223,6 @@ def _open_light(
     return np.asarray(cv2.resize(light.astype(np.float32), (MAP_PIXELS, MAP_PIXELS), interpolation=cv2.INTER_LINEAR))
 
 
-def _part_of_map(matrix: FloatArray, ends: FloatArray) -> tuple[int, int, int, int]:
-    """Return the pixels (x, y, width, height) that a caster with corners `ends` (n, 3) may darken."""
-    clip = np.column_stack([ends, np.ones(len(ends))]) @ matrix.T
-    if (clip[:, 3] < 1e-3 * matrix[3, 3]).any():
-        return 0, 0, MAP_PIXELS, MAP_PIXELS
-    at = (clip[:, :2] / clip[:, 3:] * 0.5 + 0.5) * MAP_PIXELS
-    low = np.clip(np.floor(at.min(axis=0)) - 2, 0, MAP_PIXELS).astype(int)
-    high = np.clip(np.ceil(at.max(axis=0)) + 2, low, MAP_PIXELS).astype(int)
-    return int(low[0]), int(low[1]), int(high[0] - low[0]), int(high[1] - low[1])
-
-
 def _shadow_matrix(direction: FloatArray, near: float, basis: FloatArray, reach: float) -> FloatArray:
     """Return the projection (4, 4) from the local frame along the rays of a light onto the plane, -1 to 1 over the map.
 
@@ -248,15 +238,5 @@ def _shadow_matrix(direction: FloatArray, near: float, basis: FloatArray, reach:
     return clip
 
 
-def _cast(program: Any, parts: Sequence[GpuPart], clip: FloatArray, with_glass: bool = False) -> None:
-    """Draw the parts that cast a shadow through `clip` (4, 4), as the light that they remove."""
-    program["clip"].write(clip.T.astype("f4").tobytes())
-    for part in parts:
-        material = part.material
-        is_glass = with_glass and material.transmission > 0
-        if material.blend and material.base_color[3] < CASTING_ALPHA and not is_glass:
-            continue
-        removed = 1 - material.transmission * GLASS_TRANSMITTANCE * material.tint * is_glass
-        program["removed"].value = tuple(float(v) for v in removed)
-        part.bind(program)
-        part.cast.render()
+def _is_opaque(part: GpuPart) -> bool:
+    return not part.material.blend or part.material.base_color[3] >= CASTING_ALPHA

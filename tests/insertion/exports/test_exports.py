@@ -17,7 +17,10 @@ import pytest
 from estimator.projection.cameras import pixels_in_view
 from estimator.records.scene import Camera
 from estimator.scene_formats.nerfstudio import read_nerfstudio
-from insertion.blender.run import export_blend, traced_layers
+from insertion.blender.run import export_blend, run_blender, traced_layers
+from insertion.colour import srgb_to_linear
+from insertion.composite.camera_look import measure_gain
+from insertion.exports.compositing import exr_bytes
 from insertion.exports.export_folder import LayerWriter
 from insertion.exports.gltf_scene import write_gltf_scene
 from insertion.exports.metric_frame import camera_keyframes, metric_transform, object_matrix
@@ -32,6 +35,7 @@ from insertion.render.studio import camera_axes
 from insertion.request import InsertionRequest, ObjectRequest, SceneSource
 from insertion.scene.camera_rays import surface_normals
 from models3d.gltf.document import GltfWriter
+from tests.insertion.exports.test_compositing_layers import read_exr
 from tests.synthetic.insertions import place_in, prepared_scene_of, video_room, write_glb
 from tests.synthetic.rooms.shapes import solid
 
@@ -368,11 +372,57 @@ def test_what_blender_draws_is_in_the_picture(scene: tuple[InsertionScene, Place
     prepared, placed = scene
     environment = _environment(prepared, placed)
     shot = next(shot for shot in prepared.footage.frames if shot.view is not None)
-    with traced_layers([placed], prepared.footage.frames, environment) as traced:
+    footage = prepared.footage.between(shot.index, shot.index)
+    with traced_layers([placed], footage, prepared.content, environment) as traced:
         layer = traced(shot)
-    assert json.loads(blender.read_text())["job"]["samples"] == 32
+        asked = json.loads(blender.read_text())["job"]
+        plate = read_exr(Path(asked["keys"][0]["plate"]))
+    ((_, image),) = footage
+    gain = measure_gain(image, prepared.content.at(shot).points, prepared.content.cloud)
+    seen = np.dstack([srgb_to_linear(image) / gain, np.ones(image.shape[:2])])
+    window = asked["window"]  # without distortion, the plate is the image with an empty margin
+    assert plate.shape == (window["height"], window["width"], 4)
+    assert (plate[0, :, 3] == 0).all()
+    x, y = round(window["cx"] - 320), round(window["cy"] - 240)
+    np.testing.assert_allclose(plate[y + 5 : y + 475, x + 5 : x + 635], seen[5:475, 5:635], atol=0.02)
+    assert asked["samples"] == 32
     assert layer.shape == (480, 640, 4)
     np.testing.assert_allclose(layer[110:130, 215:245], np.broadcast_to([0.5, 0, 0, 1], (20, 30, 4)), atol=1e-3)
+
+
+def test_glass_in_blender_shows_the_plate_of_its_frame(tmp_path: Path) -> None:
+    """A pane of glass in front of a black world shows the plate of each key, and a support has its colours."""
+    run_with_bpy("-c", "")
+    glb = GltfWriter("test")
+    surface = {"extensions": {"KHR_materials_transmission": {"transmissionFactor": 1.0}}}
+    glb.use_extension("KHR_materials_transmission")
+    glb.add("materials", surface | {"pbrMetallicRoughness": {"metallicFactor": 0.0, "roughnessFactor": 0.0}})
+    corners = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+    part = {"attributes": {"POSITION": glb.add_accessor(corners, bounds=True)}, "material": 0}
+    glb.add("meshes", {"primitives": [part]})
+    (tmp_path / "pane.glb").write_bytes(glb.to_bytes([glb.add("nodes", {"mesh": 0})]))
+    (tmp_path / "black.hdr").write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 2\n" + bytes(8))
+    colours = np.array([[0.6, 0.2, 0.1], [0.1, 0.5, 0.3]], np.float32)
+    matrix = np.eye(4)
+    matrix[2, 3] = 3.0
+    keys = [{"stem": f"{k}", "time_s": k, "matrix": matrix.tolist()} for k in range(2)]
+    for key, colour in zip(keys, colours, strict=True):
+        key["plate"] = str(tmp_path / f"plate{key['stem']}.exr")
+        Path(key["plate"]).write_bytes(exr_bytes(np.tile(np.append(colour, 1.0), (32, 32, 1)).astype(np.float32)))
+    job = {
+        "objects": [{"file": str(tmp_path / "pane.glb"), "matrix": np.eye(4).tolist()}],
+        "catchers": [],
+        "environment": str(tmp_path / "black.hdr"),
+        "window": {"width": 32, "height": 32, "fx": 32.0, "fy": 32.0, "cx": 16.0, "cy": 16.0},
+        "keys": keys,
+        "samples": 16,
+        "out": str(tmp_path),
+    }
+    run_blender(job, tmp_path)
+    for key, colour in zip(keys, colours, strict=True):
+        layer = np.load(tmp_path / f"{key['stem']}.npy").astype(float)
+        assert layer[12:20, 12:20, :3].mean(axis=(0, 1)) == pytest.approx(colour, rel=0.2)
+        assert layer[16, 16, 3] == pytest.approx(1.0)
 
 
 def test_without_blender_the_rest_is_exported(

@@ -206,7 +206,8 @@ def test_a_catcher_is_under_each_level_and_reflects_what_is_below() -> None:
     radiance = np.full((HEIGHT, WIDTH, 3), 2.0, np.float32)
     radiance[HEIGHT // 2 :] = (1.0, 0.5, 0.01)
     lit = Environment(radiance, np.eye(3), np.ones((HEIGHT, WIDTH), np.float32))
-    assert job.support_albedo(lit) == pytest.approx([0.5, 0.25, 0.05], rel=0.01)
+    assert job.support_albedo(lit)["albedo"] == pytest.approx([0.5, 0.25, 0.05], rel=0.01)
+    assert job.support_albedo(lit)["albedo_per_radiance"] == pytest.approx([0.5] * 3, rel=0.01)
     assert job._window(Window(100.0, 110.0, 50.0, 40.0, -5, 3, 90, 70)) == {
         "width": 90, "height": 70, "fx": 100.0, "fy": 110.0, "cx": 55.0, "cy": 37.0,
     }  # fmt: skip

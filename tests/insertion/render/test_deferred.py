@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -56,6 +57,20 @@ def test_deferred_and_direct_shading_are_equal(renderer: ObjectRenderer) -> None
     assert difference.max() < 0.2
     np.testing.assert_allclose(gathered.alpha, forward.alpha, atol=1e-3)
     np.testing.assert_allclose(gathered.depth, forward.depth, rtol=1e-5)
+
+
+def test_overlapping_triangles_remove_a_light_once(renderer: ObjectRenderer) -> None:
+    body = renderer.body
+    twice = replace(body, parts=(*body.parts, *body.parts))
+    both = ObjectRenderer(renderer._context, twice, renderer.environment)
+    assert (1 - renderer.plane.share).max() > 0.5
+    np.testing.assert_allclose(both.plane.share, renderer.plane.share, atol=1e-4)
+
+
+def test_the_shadow_of_a_second_object_is_that_of_both_over_that_of_the_first(renderer: ObjectRenderer) -> None:
+    body = renderer.body
+    same = ObjectRenderer(renderer._context, body, renderer.environment, casters=[body], earlier=[body])
+    np.testing.assert_allclose(same.plane.share, 1.0, atol=1e-4)  # where the first removes all light, too
 
 
 def _dome(cells: int) -> Mesh:

@@ -165,23 +165,6 @@ def test_a_shadow_is_projected_along_the_rays_of_its_light(near: float) -> None:
     assert 4.0 * on_plane[:2] / on_plane[3] == pytest.approx([1.0, 2.0])
 
 
-def test_the_shadow_of_a_light_covers_a_part_of_the_map() -> None:
-    ends = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.25, 0.25) for z in (0.0, 1.0)])
-    down = shadow_maps._shadow_matrix(np.array([0.0, 0, 1]), 0.0, np.eye(3), 2.0)
-    half = MAP_PIXELS // 2
-    assert shadow_maps._part_of_map(down, ends) == (
-        half - half // 4 - 2,
-        half - half // 8 - 2,
-        half // 2 + 4,
-        half // 4 + 4,
-    )
-    beside = shadow_maps._part_of_map(down, ends + np.array([10, 0, 0]))
-    assert beside[2] == 0
-    assert shadow_maps._part_of_map(shadow_maps._shadow_matrix(np.array([0.0, 0, 1]), 1.0, np.eye(3), 2.0), ends) == (
-        0, 0, MAP_PIXELS, MAP_PIXELS,
-    )  # fmt: skip
-
-
 def test_light_on_the_open_plane_falls_with_the_cube_of_the_distance() -> None:
     lights = LightSamples(np.array([[0.0, 0, 1]]), np.array([[3.0, 2.0, 1.0]]), np.array([0.5]), np.zeros(1))
     at = np.linspace(-4.0, 4.0, 65)[1::2]

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from metric_base.errors import InputError, Unquoted
+from metric_base.errors import InputError, Unquoted, damage_as_field_error, expect, in_file
 from metric_base.executors import end_with_parent
 from metric_base.input_files import read_text
 from metric_base.operating_system import limit_memory
@@ -178,7 +178,8 @@ def read_boxes(path: Path, up: Up | None = None) -> Iterator[Asset | InputError]
 def _records(path: Path) -> Iterator[dict[str, Any]]:
     """Yield the rows of a table of boxes, a Parquet table in batches."""
     rows: Iterable[dict[str, Any]]
-    try:
+    damage = damage_as_field_error("a table of boxes", (csv.Error, OSError, ValueError), str, field="file")
+    with in_file(path), damage:  # errors of Arrow are ValueError
         if path.suffix.lower() == ".parquet":
             import pyarrow.parquet as pq
 
@@ -190,10 +191,6 @@ def _records(path: Path) -> Iterator[dict[str, Any]]:
         else:
             reader = csv.DictReader(read_text(path, MAX_TABLE_BYTES).splitlines())
             names, rows = list(reader.fieldnames or []), reader
-        if not set(COLUMNS) <= set(names):
-            raise InputError.at(path, "columns", ", ".join(COLUMNS), Unquoted(", ".join(names) or "none"))
+        has_columns = set(COLUMNS) <= set(names)
+        expect(has_columns, "columns", ", ".join(COLUMNS), Unquoted(", ".join(names) or "none"))
         yield from rows
-    except InputError:
-        raise
-    except (csv.Error, OSError, ValueError) as error:  # errors of Arrow are ValueError
-        raise InputError.at(path, "file", "a table of boxes", Unquoted(str(error))) from None

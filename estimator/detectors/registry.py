@@ -8,21 +8,18 @@ from __future__ import annotations
 
 import hashlib
 import re
-import tomllib
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from metric_base.errors import InputError, Unquoted
 from metric_base.folders import data_folder
-from metric_base.input_files import read_text
 from metric_base.progress import NoticeCallback, no_notice
+from metric_base.records import toml_table
 
 #: Name of the first detector of the registry, which is the recommended one.
 AUTO = "auto"
 #: Maximum time for the size of a file before its download, in seconds.
 SIZE_TIMEOUT_S = 10.0
-#: Maximum size of a registration file in bytes.
-MAX_REGISTRY_BYTES = 1 << 20
 #: Environment variable with the folder of downloaded detectors (default: the cache of the user).
 CACHE_VARIABLE = "METRIC_TREE_CACHE"
 
@@ -65,12 +62,8 @@ def registry(file: Path | None = None) -> tuple[RegisteredDetector, ...]:
         run.
     """
     path = file or data_folder() / "detectors.toml"
-    try:
-        entries = tomllib.loads(read_text(path, MAX_REGISTRY_BYTES))
-    except tomllib.TOMLDecodeError as error:
-        raise InputError.at(path, "content", "TOML", Unquoted(str(error))) from None
     detectors = []
-    for name, entry in entries.items():
+    for name, entry in toml_table(path, InputError).items():
         source = entry.get("urls") or entry.get("file") if isinstance(entry, dict) else None
         if not source or not _SHA256.fullmatch(str(entry.get("sha256", ""))):
             expected = "an address and a sha256 of 64 hexadecimal digits"

@@ -8,7 +8,7 @@ direction (degrees used as metres, exchanged columns) or with another vertical.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -104,11 +104,12 @@ class Gps:
         else:
             (stated, geodetic), accuracy = _table_positions(Path(self.source), scene), None
             name = Path(self.source).name
-        positions = _in_metres(stated, geodetic)
-        if len(positions) < MIN_POSITIONS:
-            return skipped_evidence(KIND, name, f"{len(positions)} views have a position, {MIN_POSITIONS} needed")
-        centres, metres = np.array([scene.views[row].centre for row in positions]), np.array(list(positions.values()))
-        if (reason := speed_problem(*_timed(scene, self.images, positions))) is not None:
+        if len(stated) < MIN_POSITIONS:
+            return skipped_evidence(KIND, name, f"{len(stated)} views have a position, {MIN_POSITIONS} needed")
+        metres = np.array(list(stated.values()))
+        metres = east_north_up(metres) if geodetic else metres
+        centres = np.array([scene.views[row].centre for row in stated])
+        if (reason := speed_problem(*_timed(scene, self.images, dict(zip(stated, metres, strict=True))))) is not None:
             return skipped_evidence(KIND, name, reason)
         up = measurements.up if geodetic else None
         rows = position_evidence(KIND, name, centres, metres, accuracy, up)
@@ -116,7 +117,7 @@ class Gps:
             rows = _with_place(rows, np.array(list(stated.values())))
         if self.source == "exif":
             return rows
-        assumption = "taken as decimal degrees and metres" if geodetic else taken_as_metres(positions.values())
+        assumption = "taken as decimal degrees and metres" if geodetic else taken_as_metres(metres)
         return tuple(row if row.scale is None else replace(row, assumption=assumption) for row in rows)
 
 
@@ -175,12 +176,12 @@ def images_have_gps(scene: Scene, images: Path | None) -> bool:
     return len(exif_positions(replace(scene, views=tuple(probed)), images)[0]) > 0
 
 
-def taken_as_metres(positions: Iterable[FloatArray]) -> str:
-    """Return the assumption about positions (3,) of a table in metres.
+def taken_as_metres(positions: FloatArray) -> str:
+    """Return the assumption about positions (n, 3) of a table in metres.
 
     Web Mercator multiplies lengths by 1 / cos(latitude) = cosh(y / R).
     """
-    x, y, z = np.median(list(positions), axis=0)
+    x, y, z = np.median(positions, axis=0)
     is_projected = max(abs(x), abs(y)) > MAX_LOCAL_M and abs(y) <= math.pi * EARTH_RADIUS_M
     if not is_projected or abs(math.hypot(x, y, z) / EARTH_RADIUS_M - 1) < MAX_GEOCENTRIC_DEVIATION:
         return TAKEN_AS_METRES
@@ -369,11 +370,3 @@ def exif_position(tags: Mapping[int, Any]) -> list[float] | None:
     altitude = float(tags.get(ALT, 0.0)) * (-1 if below else 1)
     numbers = [-lat if tags.get(LAT_REF) == "S" else lat, -lon if tags.get(LON_REF) == "W" else lon, altitude]
     return numbers if all(abs(number) < MAX_COORDINATE for number in numbers) else None
-
-
-def _in_metres(values: Mapping[int, list[float]], geodetic: bool) -> dict[int, FloatArray]:
-    """Return the positions (3,) in metres by view; those in degrees (`geodetic`) in an east-north-up frame."""
-    if not values:
-        return {}
-    table = np.array(list(values.values()))
-    return dict(zip(values, east_north_up(table) if geodetic else table, strict=True))

@@ -242,18 +242,15 @@ def overlay(estimate: SceneEstimate, row: int, image: Any) -> Any:
 def _most_visible_edge(lines: FloatArray, axis: int, shape: tuple[int, ...]) -> int | None:
     """Return the most visible of the lines (12, n, 2) along an axis, preferably a low one, or None."""
     best: tuple[float, int] | None = None
-    for edge in range(len(lines)):
-        if edge_axis(edge) != axis:
-            continue
+    for edge in np.flatnonzero([edge_axis(edge) == axis for edge in range(len(lines))]).tolist():
         line = lines[edge]
         with np.errstate(invalid="ignore"):
             inside = ((line >= 0) & (line < (shape[1], shape[0]))).all(axis=1)
-        if not inside.any():
-            continue
-        length = float(np.nansum(np.linalg.norm(np.diff(line, axis=0), axis=1)))
-        # A lower edge is preferred to a slightly longer one.
-        score = float(inside.mean()) * length + 0.2 * float(np.nanmean(line[inside, 1]))
-        best = max(best, (score, edge)) if best else (score, edge)
+        if inside.any():
+            length = float(np.nansum(np.linalg.norm(np.diff(line, axis=0), axis=1)))
+            # A lower edge is preferred to a slightly longer one.
+            score = float(inside.mean()) * length + 0.2 * float(np.nanmean(line[inside, 1]))
+            best = max(best, (score, edge)) if best else (score, edge)
     return None if best is None else best[1]
 
 

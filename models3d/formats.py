@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures import TimeoutError as FutureTimeout
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -67,8 +68,6 @@ def read_asset(path: Path) -> Asset:
         The format is unknown, or the file is damaged, too large, has no shape, or refers to files outside its folder.
     """
     asset = _read(path)
-    if not asset.bodies:
-        raise InputError(f"{path}: content: expected at least one shape, found none")
     return replace(asset, texts=(*asset.texts, NameText("file name", path.stem), NameText("folder", path.parent.name)))
 
 
@@ -114,23 +113,25 @@ def _read(path: Path) -> Asset:
     suffix = path.suffix.lower()
     if not path.is_file():
         raise InputError(f"{path}: file: expected a 3-D model, found {'a folder' if path.is_dir() else 'no such file'}")
+    read: Callable[[Path], Asset]
     if suffix in GLTF_SUFFIXES:
-        from models3d.gltf.boxes import read_gltf
-
-        return read_gltf(path)
-    if suffix in USD_SUFFIXES:
-        from models3d.usd.reader import read_usd
-
-        return read_usd(path)
-    if suffix in ROBOT_SUFFIXES:
+        from models3d.gltf.boxes import read_gltf as read
+    elif suffix in USD_SUFFIXES:
+        from models3d.usd.reader import read_usd as read
+    elif suffix in ROBOT_SUFFIXES:
         from models3d.robots import read_robot
 
-        return read_robot(path, _read)
-    if suffix in MESH_SUFFIXES or suffix == ".dae":
-        from models3d.meshes import read_collada, read_mesh
-
-        return read_collada(path) if suffix == ".dae" else read_mesh(path)
-    raise InputError(f"{path}: file: expected one of {', '.join(SUFFIXES)}, found {suffix or 'no suffix'}")
+        read = partial(read_robot, read_mesh=_read)
+    elif suffix == ".dae":
+        from models3d.meshes import read_collada as read
+    elif suffix in MESH_SUFFIXES:
+        from models3d.meshes import read_mesh as read
+    else:
+        raise InputError(f"{path}: file: expected one of {', '.join(SUFFIXES)}, found {suffix or 'no suffix'}")
+    asset = read(path)
+    if not asset.bodies:
+        raise InputError(f"{path}: content: expected at least one shape, found none")
+    return asset
 
 
 def _start_reader(max_bytes: int) -> None:

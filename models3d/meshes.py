@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from metric_base.errors import Unquoted, damage_as_field_error, expect, in_file
+from metric_base.errors import damage_as_field_error, in_file
 from metric_base.input_files import read_bytes
 from models3d.asset import Asset, NameText, Up, body_from_box
 
@@ -39,7 +39,6 @@ def read_mesh(path: Path) -> Asset:
                 io.BytesIO(data), file_type=kind, process=False, resolver=None, force="scene", **options
             )
             boxes = {name: shape.bounds for name, shape in loaded.geometry.items() if shape.bounds is not None}
-        expect(boxes, "content", "at least one vertex", Unquoted("none"))
         bodies = []
         for name, bounds in boxes.items():
             # trimesh numbers groups without a name: geometry_0, geometry_1, ...
@@ -73,6 +72,5 @@ def read_collada(path: Path) -> Asset:
                     box = points.min(axis=0), points.max(axis=0)
                     unit_m = 1.0 if unit is None else float(unit)
                     bodies.append(body_from_box(name, box, unit_m, (NameText("mesh", name),)))
-        expect(bodies, "content", "at least one vertex", Unquoted("none"))
     title = document.assetInfo.title
     return Asset(path, "dae", unit, up, tuple(bodies), (NameText("title", title),) if title else ())

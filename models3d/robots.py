@@ -53,7 +53,6 @@ def read_robot(path: Path, read_mesh: MeshReader) -> Asset:
         expect(root.tag in readers, "content", "a robot (URDF), sdf or mujoco element", str(root.tag))
         with damage_as_field_error("valid numbers and names", (ValueError, TypeError, IndexError, RecursionError), str):
             bodies = tuple(readers[root.tag](root, meshes))
-        expect(bodies, "content", "at least one visual shape", Unquoted("none"))
         has_meshes = next(root.iter("mesh"), None) is not None
     name = root.get("name") or root.get("model")
     return Asset(path, str(root.tag), 1.0, "z", bodies, (NameText("robot", name),) if name else (), has_meshes)

@@ -47,7 +47,7 @@ def read_metashape(file: Path) -> Scene:
             raise FieldError("XML", "a valid document", Unquoted(str(error))) from None
         if chunk is None:
             raise FieldError("document", "a chunk with cameras", None)
-        cameras = {sensor.get("id", ""): sensor for sensor in chunk.iterfind("sensors/sensor")}
+        sensors = {sensor.get("id", ""): sensor for sensor in chunk.iterfind("sensors/sensor")}
         common = _transform(chunk.find("transform"))  # of cameras without a component
         components = {
             part.get("id", ""): _transform(part.find("transform")) for part in chunk.iterfind("components/component")
@@ -58,7 +58,15 @@ def read_metashape(file: Path) -> Scene:
             n_cameras += 1
             if (transform := entry.find("transform")) is not None:
                 with at_field(f"camera {entry.get('label')!r}"):
-                    views.append(_view(entry, transform, cameras, components, common))
+                    sensor = entry.get("sensor_id", "")
+                    expect(sensor in sensors, "sensor_id", "a sensor of the file", entry.get("sensor_id"))
+                    matrix = matrix_of((transform.text or "").split(), (4, 4), "transform")
+                    pose = components.get(entry.get("component_id", ""), common) @ matrix
+                    scale = np.cbrt(np.linalg.det(pose[:3, :3]))  # of the component
+                    found = Unquoted("another matrix")
+                    expect(scale > 0, "transform", "a rotation, a scale above 0 and a position", found)
+                    rotation = (pose[:3, :3] / scale).T
+                    views.append(posed_view(entry.get("label", ""), _camera(sensors[sensor]), rotation, pose[:3, 3]))
         expect(views, "cameras", "at least one that is aligned", n_cameras)
     points = read_point_file(file, (f"{file.stem}.ply", *PLY_FILES))
     warnings = []
@@ -79,25 +87,6 @@ def _transform(node: ET.Element | None) -> FloatArray:
         matrix[:3, 3] = matrix_of((translation.text or "").split(), (3,), "component translation")
     matrix[:3, :3] *= scale
     return matrix
-
-
-def _view(
-    entry: ET.Element,
-    transform: ET.Element,
-    sensors: dict[str, ET.Element],
-    components: dict[str, FloatArray],
-    common: FloatArray,
-) -> View:
-    """Return the view of a camera; `components` and `common` (of cameras without a component) are (4, 4) transforms."""
-    sensor = sensors.get(entry.get("sensor_id", ""))
-    if sensor is None:
-        raise FieldError("sensor_id", "a sensor of the file", entry.get("sensor_id"))
-    pose = components.get(entry.get("component_id", ""), common) @ matrix_of(
-        (transform.text or "").split(), (4, 4), "transform"
-    )
-    scale = np.cbrt(np.linalg.det(pose[:3, :3]))  # of the component
-    expect(scale > 0, "transform", "a rotation, a scale above 0 and a position", Unquoted("another matrix"))
-    return posed_view(entry.get("label", ""), _camera(sensor), (pose[:3, :3] / scale).T, pose[:3, 3])
 
 
 def _camera(sensor: ET.Element) -> Camera:

@@ -108,8 +108,6 @@ def _check_meshes(meshes: Sequence[Mesh]) -> None:
     expect(finite, "POSITION", f"finite numbers below {MAX_METRES:g}", Unquoted("others"))
     for mesh in meshes:
         count, material = len(mesh.vertices), mesh.material
-        inside = not len(mesh.faces) or (mesh.faces.min() >= 0 and mesh.faces.max() < count)
-        expect(inside, "indices", f"numbers from 0 to {count - 1}", Unquoted("others"))
         for field, values, columns in (("NORMAL", mesh.normals, 3), ("TEXCOORD_0", mesh.uv, 2)):
             expect(values.shape == (count, columns), field, "a value for each vertex", Unquoted("another number"))
             expect(np.isfinite(values).all(), field, "finite numbers", Unquoted("others"))

@@ -89,7 +89,7 @@ def read_primitive(primitive: dict[str, Any], document: GltfDocument, materials:
     points = document.accessor(attributes["POSITION"], (3,))
     count = len(points)
     corners = document.indices(primitive["indices"]) if "indices" in primitive else np.arange(count)
-    is_inside = not len(corners) or int(corners.max()) < count
+    is_inside = not len(corners) or (corners.min() >= 0 and corners.max() < count)
     expect(is_inside, "indices", f"numbers from 0 to {count - 1}", Unquoted("others"))
     mode = int(primitive.get("mode", TRIANGLES))
     first, second, third = corners[:-2], corners[1:-1], corners[2:]

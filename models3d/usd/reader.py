@@ -73,7 +73,6 @@ def read_usd(path: Path) -> Asset:
         up: Up = "z" if str(UsdGeom.GetStageUpAxis(stage)).lower() == "z" else "y"
         expect(0 < unit < np.inf, "metersPerUnit", "a positive number", unit)
         bodies = tuple(_bodies(stage, unit))
-        expect(bodies, "content", "at least one shape", Unquoted("none"))
         texts: list[NameText] = []
         if model := stage.GetDefaultPrim():
             texts = [NameText("model", model.GetName()), *_labels(model)]

@@ -86,7 +86,7 @@ def test_a_body_has_the_boxes_of_its_shapes(tmp_path: Path, geom: str, extents: 
 def test_a_body_without_a_shape_is_omitted(tmp_path: Path) -> None:
     asset = _mjcf(tmp_path, f'<body name="a"/><body name="b">{BOX}</body>')
     assert [body.name for body in asset.bodies] == ["b"]
-    with pytest.raises(InputError, match="at least one visual shape"):
+    with pytest.raises(InputError, match="at least one shape"):
         _mjcf(tmp_path, '<body name="a"/>')
 
 
@@ -137,7 +137,7 @@ def test_shapes_have_their_boxes_in_both_forms(tmp_path: Path, sdf: str, urdf: s
 @pytest.mark.parametrize("geometry", ["", "<geometry/>", "<geometry><plane/></geometry>"])
 def test_a_visual_without_a_box_has_no_size(tmp_path: Path, geometry: str) -> None:
     for read in (_urdf, _sdf):
-        with pytest.raises(InputError, match="at least one visual shape"):
+        with pytest.raises(InputError, match="at least one shape"):
             read(tmp_path, geometry)
 
 

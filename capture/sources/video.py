@@ -67,7 +67,7 @@ class Video:
     Raises
     ------
     InputError
-        The file is missing or is not a video, or PyAV is not installed.
+        The file is missing or is not a video.
     """
 
     def __init__(self, path: Path) -> None:
@@ -126,11 +126,8 @@ class Video:
 @contextmanager
 def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
     """Open a video; yield its container and its first video stream that is not a cover image."""
-    try:
-        import av
-    except ImportError:
-        expected = "PyAV (pip install 'metric-tree[video]')"
-        raise InputError.at(path, "video", expected, Unquoted("not installed")) from None
+    import av
+
     if not path.is_file():
         found = "a folder or a device" if path.exists() else "no such file"
         raise InputError.at(path, "video", "a file", Unquoted(found))

@@ -265,13 +265,10 @@ def load_detector(ref: str | Path, labels: Path | None = None, notice: NoticeCal
 
 
 def _load_graph(path: Path) -> Any:
-    """Return an onnxruntime session; InputError if onnxruntime is missing or cannot load the file."""
+    """Return an onnxruntime session; InputError if onnxruntime cannot load the file."""
     os.environ.setdefault(TELEMETRY_VARIABLE, "1")
-    try:
-        import onnxruntime
-    except ImportError:
-        expected = "onnxruntime (pip install 'metric-tree[detect]')"
-        raise InputError.at(path, "detector", expected, Unquoted("not installed")) from None
+    import onnxruntime
+
     options = onnxruntime.SessionOptions()
     options.log_severity_level = _FATAL
     try:

@@ -18,7 +18,7 @@ import numpy as np
 from estimator.projection.cameras import CAMERA_MODELS
 from estimator.records.scene import Camera
 from metric_base.arrays import FloatArray
-from metric_base.errors import InputError, in_file
+from metric_base.errors import damage_as_field_error, expect, in_file
 from metric_base.input_files import read_json
 from metric_base.parsing import json_object
 
@@ -100,9 +100,7 @@ def read_frame_poses(file: Path) -> FramePoses:
     file = file / FILE_NAME if file.is_dir() else file
     with in_file(file):
         record = json_object(read_json(file))
-    if record.get("schema") != SCHEMA:
-        raise InputError.at(file, "schema", SCHEMA, record.get("schema"))
-    try:
-        return msgspec.convert(record, FramePoses, dec_hook=decode)
-    except (ValueError, TypeError) as error:  # of msgspec, too
-        raise InputError.at(file, "frames", "the fields of docs/reference/formats.md", str(error)) from None
+        expect(record.get("schema") == SCHEMA, "schema", SCHEMA, record.get("schema"))
+        fields = "the fields of docs/reference/formats.md"
+        with damage_as_field_error(fields, (ValueError, TypeError), str, field="frames"):  # of msgspec, too
+            return msgspec.convert(record, FramePoses, dec_hook=decode)

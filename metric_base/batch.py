@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from metric_base.errors import InputError, Unquoted
+from metric_base.errors import InputError, Unquoted, damage_as_field_error, in_file
 from metric_base.executors import isolated_results
 from metric_base.files import INPUT_SUFFIXES, sole_writer, whole_file
 from metric_base.input_files import read_text
@@ -101,11 +101,9 @@ def read_list(path: Path, name_column: str) -> Iterator[tuple[str, dict[str, Any
     elif suffix == ".parquet":
         import pyarrow.parquet as pq
 
-        try:
+        with in_file(path), damage_as_field_error("a Parquet table", (OSError, ValueError), str, field="file"):
             rows = (row for batch in pq.ParquetFile(path).iter_batches() for row in batch.to_pylist())
             yield from ((f"{path}:{number}", row) for number, row in enumerate(rows, start=1))
-        except (OSError, ValueError) as error:  # errors of Arrow are ValueError
-            raise InputError.at(path, "file", "a Parquet table", Unquoted(str(error))) from None
     else:
         names = enumerate(read_text(path).split("\n"), start=1)
         yield from ((f"{path}:{line}", {name_column: name.strip()}) for line, name in names if name.strip())

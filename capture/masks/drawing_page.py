@@ -22,7 +22,7 @@ from estimator.geometry.outline_measurement import MIN_BOX_VIEWS
 from estimator.reconstructions.image_files import image_file
 from estimator.records.scene import Scene
 from estimator.results.object_priors import resolve_categories
-from metric_base.errors import InputError, Unquoted
+from metric_base.errors import InputError, damage_as_field_error, in_file
 from metric_base.files import write_whole
 from metric_base.images import read_image
 from metric_base.input_files import read_json
@@ -132,12 +132,10 @@ class MaskPage(LocalPage):
     ) -> None:
         self._frames, self._names, self._draft, self._look_up = frames, names, draft, look_up
         self._estimate, self._figure, self._one_at_a_time = estimate, b"", threading.Lock()
-        try:
+        expected = "a drawing that the page saved, or no file"
+        with in_file(draft), damage_as_field_error(expected, ValueError, str, field="drawing"):
             kept = msgspec.convert(read_json(draft) if draft.is_file() else {}, Draft)
             self._drawing = self._checked(kept.frames)
-        except ValueError as error:
-            found = Unquoted(str(error))
-            raise InputError.at(draft, "drawing", "a drawing that the page saved, or no file", found) from None
         super().__init__("--draw", port)
 
     def collect(self) -> dict[str, Any]:

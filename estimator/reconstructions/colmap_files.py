@@ -17,7 +17,7 @@ import numpy as np
 from estimator.projection.cameras import CAMERA_MODELS, make_camera
 from estimator.records.scene import Camera
 from metric_base.arrays import FloatArray, IntArray
-from metric_base.errors import FieldError, InputError, Unquoted, at_field, expect, in_file
+from metric_base.errors import FieldError, InputError, Unquoted, at_field, damage_as_field_error, expect, in_file
 from metric_base.input_files import read_text
 from metric_base.parsing import BinaryReader
 
@@ -190,10 +190,8 @@ def _text_images(lines: Iterator[tuple[int, str]]) -> tuple[ColmapImage, ...]:
 
 def _table(lines: Sequence[str], columns: Sequence[int] | None = None) -> FloatArray:
     """Return the numbers (n, c) of n lines of c columns as doubles; integers up to 2^53 are exact."""
-    try:
+    with damage_as_field_error("numbers", ValueError, str, field=""):
         return np.loadtxt(lines, dtype=np.float64, comments=None, usecols=columns, ndmin=2)
-    except ValueError as error:
-        raise FieldError("", "numbers", Unquoted(str(error))) from None
 
 
 def _integers(values: FloatArray) -> IntArray:

@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 from estimator.projection.cameras import make_camera
 from estimator.records.scene import MAX_COORDINATE, Camera, Scene, View, observed_views
 from metric_base.arrays import FloatArray, IntArray
-from metric_base.errors import FieldError, InputError, Unquoted, at_field, expect, in_file
+from metric_base.errors import FieldError, InputError, at_field, damage_as_field_error, expect, in_file
 from metric_base.input_files import read_bytes, read_json
 from metric_base.parsing import json_array, json_object, matrix_of, number_of
 
@@ -72,16 +72,15 @@ def read_observations(
     has_version = head.startswith(_VERSION)
     if has_version and not head.partition(b"\n")[2].strip():
         raise InputError.at(file, "observations", "at least one line", 0)
-    try:  # without threads, the reader always reports the same error
+    expected = "tab-separated image, track, feature, x, y, ..."
+    damage = damage_as_field_error(expected, (pa.ArrowInvalid, KeyError), str, field="observations")
+    with in_file(file), damage:  # without threads, the reader always reports the same error
         table = csv.read_csv(
             str(file),
             read_options=csv.ReadOptions(autogenerate_column_names=True, skip_rows=int(has_version), use_threads=False),
             parse_options=csv.ParseOptions(delimiter="\t", quote_char=False),
             convert_options=csv.ConvertOptions(column_types=_COLUMNS, include_columns=list(_COLUMNS), null_values=[]),
         )
-    except (pa.ArrowInvalid, KeyError) as error:
-        expected = "tab-separated image, track, feature, x, y, ..."
-        raise InputError.at(file, "observations", expected, Unquoted(str(error))) from None
     image_rows = _rows_in(table["f0"], images)
     track_rows = _rows_in(table["f1"], tracks)
     is_known = (image_rows >= 0) & (track_rows >= 0)

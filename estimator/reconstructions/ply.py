@@ -9,7 +9,7 @@ import numpy as np
 from estimator.reconstructions.splats import splat_centres
 from estimator.records.scene import MAX_COORDINATE, DenseCloud
 from metric_base.arrays import FloatArray, IntArray
-from metric_base.errors import FieldError, InputError, Unquoted, expect, in_file
+from metric_base.errors import FieldError, InputError, Unquoted, damage_as_field_error, expect, in_file
 from metric_base.parsing import BinaryReader
 from metric_base.ply import ply_layout
 
@@ -141,10 +141,8 @@ def read_points(path: Path) -> FloatArray:
                 .decode("ascii", "replace")
                 .split("\n")[layout.skipped : layout.skipped + layout.count]
             )
-            try:
+            with damage_as_field_error(f"{len(names)} numbers per line", ValueError, str, field="vertices"):
                 points = np.loadtxt(lines, dtype=np.float64, usecols=[names.index(axis) for axis in "xyz"], ndmin=2)
-            except ValueError as error:
-                raise FieldError("vertices", f"{len(names)} numbers per line", Unquoted(str(error))) from None
             expect(len(points) == layout.count, "vertices", f"{layout.count} lines", Unquoted(f"{len(points)}"))
             return points
         reader.place = layout.body + layout.skipped

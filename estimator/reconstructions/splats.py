@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from metric_base.arrays import FloatArray
-from metric_base.errors import FieldError, Unquoted, expect
+from metric_base.errors import FieldError, Unquoted, damage_as_field_error, expect
 from metric_base.input_files import read_bytes
 from metric_base.ply import CHUNK_CORNERS, MAX_HEADER_BYTES, ply_layout, scaled_ply
 
@@ -94,17 +94,15 @@ def _compressed_centres(data: bytes) -> tuple[FloatArray, FloatArray]:
 def _spz_centres(data: bytes) -> tuple[FloatArray, FloatArray]:
     """Return centres (n, 3) and opacities (n,) of an SPZ file, whose positions are integers of 24 bits."""
     is_gzip = data.startswith(_GZIP)
-    try:
-        with gzip.GzipFile(fileobj=BytesIO(data)) if is_gzip else BytesIO(data) as stream:
-            magic, version, count, _, bits, _, _ = _SPZ_HEADER.unpack(stream.read(_SPZ_HEADER.size))
-            is_known = magic == _SPZ_MAGIC and version in ((2, 3) if is_gzip else (4,))
-            expect(is_known, "header", "SPZ of version 2, 3 or 4", (magic, version))
-            expected = f"1 to {MAX_SPZ_POINTS} Gaussians, and at most 24 fractional bits"
-            expect(0 < count <= MAX_SPZ_POINTS and bits <= 24, "header", expected, (count, bits))
-            # The first attributes: position 9 bytes, opacity 1 byte.
-            content = stream.read(10 * count) if is_gzip else _spz_4_streams(data, (9 * count, count))
-    except (OSError, EOFError, struct.error, zlib.error) as error:
-        raise FieldError("content", "a complete SPZ file", Unquoted(str(error))) from None
+    damage = damage_as_field_error("a complete SPZ file", (OSError, EOFError, struct.error, zlib.error), str)
+    with damage, gzip.GzipFile(fileobj=BytesIO(data)) if is_gzip else BytesIO(data) as stream:
+        magic, version, count, _, bits, _, _ = _SPZ_HEADER.unpack(stream.read(_SPZ_HEADER.size))
+        is_known = magic == _SPZ_MAGIC and version in ((2, 3) if is_gzip else (4,))
+        expect(is_known, "header", "SPZ of version 2, 3 or 4", (magic, version))
+        expected = f"1 to {MAX_SPZ_POINTS} Gaussians, and at most 24 fractional bits"
+        expect(0 < count <= MAX_SPZ_POINTS and bits <= 24, "header", expected, (count, bits))
+        # The first attributes: position 9 bytes, opacity 1 byte.
+        content = stream.read(10 * count) if is_gzip else _spz_4_streams(data, (9 * count, count))
     expect(len(content) == 10 * count, "content", f"{count} Gaussians", Unquoted(f"{len(content)} bytes"))
     packed = np.frombuffer(content, np.uint8, 9 * count).reshape(count, 3, 3).astype(np.int32)
     words = packed[..., 0] | packed[..., 1] << 8 | packed[..., 2] << 16

@@ -14,7 +14,7 @@ from estimator.projection.cameras import make_camera
 from estimator.records.scene import Scene, View, observed_views
 from estimator.scene_formats.common import FLIP, checked_image_size, posed_view
 from metric_base.arrays import FloatArray
-from metric_base.errors import FieldError, InputError, Unquoted, at_field, expect, in_file
+from metric_base.errors import FieldError, InputError, Unquoted, at_field, damage_as_field_error, expect, in_file
 from metric_base.input_files import read_text
 
 _HEADER = "# Bundle file v0.3"
@@ -33,10 +33,8 @@ def read_bundler(file: Path) -> Scene:
     head, _, body = read_text(file).partition("\n")
     if head.strip() != _HEADER:
         raise InputError.at(file, "header", _HEADER, head)
-    try:
+    with in_file(file), damage_as_field_error("numbers", ValueError, str):
         numbers = np.array(body.split(), dtype=np.float64)
-    except ValueError as error:
-        raise InputError.at(file, "content", "numbers", Unquoted(str(error))) from None
     # Names of the images in the order of the cameras; a focal length may follow a name.
     candidates = (f"{file.stem}.list.txt", f"{file.name}.list.txt", "list.txt", "../list.txt")
     list_file = next((path for name in candidates if (path := file.parent / name).is_file()), None)

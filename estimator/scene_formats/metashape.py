@@ -16,7 +16,7 @@ from estimator.projection.cameras import make_camera
 from estimator.records.scene import Camera, Scene, View
 from estimator.scene_formats.common import brown_camera, posed_view, read_point_file
 from metric_base.arrays import FloatArray
-from metric_base.errors import FieldError, Unquoted, at_field, expect, in_file
+from metric_base.errors import FieldError, Unquoted, at_field, damage_as_field_error, expect, in_file
 from metric_base.input_files import read_text
 from metric_base.parsing import matrix_of
 
@@ -41,10 +41,8 @@ def read_metashape(file: Path) -> Scene:
         text = read_text(file, MAX_BYTES)
         if "<!DOCTYPE" in text or "<!ENTITY" in text:
             raise FieldError("XML", "a document without entities", Unquoted("a DOCTYPE"))
-        try:
+        with damage_as_field_error("a valid document", (ET.ParseError, ValueError), str, field="XML"):
             chunk = ET.fromstring(text).find("chunk")  # noqa: S314 - the document has no entities
-        except (ET.ParseError, ValueError) as error:
-            raise FieldError("XML", "a valid document", Unquoted(str(error))) from None
         if chunk is None:
             raise FieldError("document", "a chunk with cameras", None)
         sensors = {sensor.get("id", ""): sensor for sensor in chunk.iterfind("sensors/sensor")}

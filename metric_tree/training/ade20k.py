@@ -21,7 +21,7 @@ import cv2
 import numpy as np
 
 from metric_base.arrays import BoolArray
-from metric_base.errors import FieldError, at_field, in_file
+from metric_base.errors import FieldError, at_field, damage_as_field_error, in_file
 from metric_base.input_files import MAX_JSON_BYTES, read_bytes
 from metric_tree.training.annotations import AnnotatedImage, AnnotatedObject, BadAnnotations, coded_image, run_lengths
 
@@ -71,7 +71,10 @@ def polygon_image(file: Path) -> AnnotatedImage:
         The JSON is invalid, or `*_seg.png` has another size.
     """
     objects = []
-    try:  # Latin-1 as in the reader of the set: some names, which were typed by hand, are not UTF-8
+    expected = "annotation with imsize and objects of name, name_ndx, parts and polygon"
+    damage = damage_as_field_error(expected, (LookupError, TypeError, ValueError, RecursionError), field="annotation")
+    with in_file(file, BadAnnotations), damage:
+        # Latin-1 as in the reader of the set: some names, which were typed by hand, are not UTF-8
         annotation = json.loads(read_bytes(file, limit=MAX_JSON_BYTES).decode("latin-1"))["annotation"]
         height, width = int(annotation["imsize"][0]), int(annotation["imsize"][1])
         class_map = None
@@ -87,11 +90,6 @@ def polygon_image(file: Path) -> AnnotatedImage:
             if mask.any():
                 names = [*(name.strip() for name in entry["name"].split(",")), entry.get("raw_name")]
                 objects.append(AnnotatedObject(tuple(dict.fromkeys(filter(None, names))), *run_lengths(mask)))
-    except (KeyError, TypeError, ValueError, IndexError, RecursionError) as error:
-        if isinstance(error, BadAnnotations):
-            raise
-        expected = "annotation with imsize and objects of name, name_ndx, parts and polygon"
-        raise BadAnnotations.at(file, "annotation", expected, repr(error)) from None
     return AnnotatedImage(file.with_suffix(".jpg"), width, height, tuple(objects))
 
 

@@ -8,7 +8,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from metric_base.errors import damage_as_field_error, in_file
 from metric_base.input_files import MAX_JSON_BYTES, read_text
+from metric_base.parsing import json_array, json_object
 from metric_tree.training.annotations import AnnotatedImage, AnnotatedObject, BadAnnotations
 
 #: Label lists of the names.
@@ -30,13 +32,11 @@ def coco_images(file: Path, images: Path) -> Iterator[AnnotatedImage]:
     BadAnnotations
         The file is not JSON, or a part of it is missing or invalid.
     """
-    try:
-        document = json.loads(read_text(file, MAX_JSON_BYTES))
-    except (ValueError, RecursionError) as error:
-        raise BadAnnotations.at(file, "document", "JSON", error) from None
-    for part in ("images", "annotations", "categories"):
-        if not isinstance(document, dict) or not isinstance(document.get(part), list):
-            raise BadAnnotations.at(file, part, "an array", "none")
+    with in_file(file, BadAnnotations):
+        with damage_as_field_error("JSON", (ValueError, RecursionError), str, field="document"):
+            document = json_object(json.loads(read_text(file, MAX_JSON_BYTES)))
+        for part in ("images", "annotations", "categories"):
+            json_array(document.get(part), part)
     names = {category["id"]: category["name"].replace("_", " ") for category in document["categories"]}
     objects: defaultdict[Any, list[AnnotatedObject]] = defaultdict(list)
     for row, annotation in enumerate(document["annotations"]):

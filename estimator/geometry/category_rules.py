@@ -23,8 +23,10 @@ _HUNG = frozenset(
     poster radiator sconce shower sink tapestry towel washbasin whiteboard window
     """.split()  # noqa: SIM905
 )
-# Objects that end at a level top with other objects on it. Beds have headboards, benches have backs, cabinets may hang.
+# Objects that end at a level top with other objects on it. Beds have headboards, benches have backs.
 _LEVEL = frozenset(["counter", "desk", "nightstand", "ottoman", "sideboard", "stand", "stool", "table"])
+# The same, but many are so tall, or hang so high, that no view shows their top and nothing is on it.
+_OFTEN_LEVEL = frozenset(["cabinet", "cupboard", "dishwasher", "drawers", "dresser", "machine", "washer"])
 _PHRASES = {
     "ceiling lamp": False,
     "pendant lamp": False,
@@ -57,7 +59,8 @@ def stands_on_floor(category: str) -> bool | None:
     return True if last in _FLOOR else False if last in _HUNG else None
 
 
-def has_level_top(category: str) -> bool:
-    """Return whether the height of a category ends at a level top."""
+def has_level_top(category: str) -> bool | None:
+    """Return whether the height of a category ends at a level top; None if it does where this top is visible."""
     words = category.lower().replace("_", " ").replace("-", " ").split()
-    return bool(words) and words[-1] in _LEVEL
+    last = words[-1] if words else ""
+    return True if last in _LEVEL else None if last in _OFTEN_LEVEL else False

@@ -200,6 +200,9 @@ def _cut_and_excess(
     # A side whose centre is behind the camera has no direction: the object surrounds the view and is truncated there.
     is_cut = (fraction > MIN_CUT_FRACTION) | ~(length > 0)
     with np.errstate(invalid="ignore", divide="ignore"):
-        beyond = furthest - (pixels[7:] @ directions.T).max(axis=0)
+        # Points outside of the box were trimmed: they do not show the end of a side. Rounding must not decide this.
+        position, rounding = points @ axes.T, 1e-6 * size
+        is_trimmed = np.stack([position < low - rounding, position > high + rounding], axis=2).reshape(-1, 6)
+        beyond = furthest - np.where(is_trimmed, -np.inf, pixels[7:] @ directions.T).max(axis=0)
         excess = np.maximum(np.abs(beyond) - outline.tolerance, 0) * np.sign(beyond) / (2 * length)
     return is_cut.reshape(3, 2), excess.reshape(3, 2)

@@ -190,10 +190,10 @@ def test_formula_of_the_standard_deviation_of_edges():
     [
         ([0.8] * 6, 0, 0, True),  # MIN_TOP_POINTS
         ([0.8] * 5, 0, 0, False),
-        ([0.8] * 20, 0, 79, True),  # MIN_TOP_FRACTION of 0.2
-        ([0.8] * 20, 0, 81, False),
-        ([0.8] * 31, 69, 0, True),  # MIN_TOP_RATIO of 2.5 to a uniform density of 0.12
-        ([0.8] * 28, 72, 0, False),
+        ([0.8] * 20, 0, 179, True),  # MIN_TOP_FRACTION of 0.1
+        ([0.8] * 20, 0, 181, False),
+        ([0.8] * 25, 75, 0, True),  # MIN_TOP_RATIO of 2 to a uniform density of 0.12
+        ([0.8] * 23, 77, 0, False),
         ([0.8] * 3 + [0.855] * 3, 0, 0, True),  # TOP_WINDOW of 0.06
         ([0.8] * 3 + [0.865] * 3, 0, 0, False),
     ],

@@ -242,10 +242,13 @@ def test_an_object_of_a_dense_cloud_is_measured_by_its_outlines_below_150_points
     assert (item.cloud, item.notes) == ("dense", notes)
 
 
-@pytest.mark.parametrize(("clutter", "is_level"), [(0.06, False), (0.09, True)])
-def test_clutter_over_a_tenth_of_the_height_is_not_part_of_a_desk(clutter, is_level):
-    """A desk 0.7 high under clutter of 8 and 11 % of the total height."""
-    desk, books = box("desk", (1.2, 0.6, 0.7), (0, 0, 0)), box(None, (0.9, 0.12, clutter), (0, 0, 0.7))
+@pytest.mark.parametrize(
+    ("category", "clutter", "is_level"),
+    [("desk", 0.06, False), ("desk", 0.09, True), ("dresser", 0.09, True), ("piano", 0.09, False)],
+)
+def test_clutter_over_a_tenth_of_the_height_is_not_part_of_a_desk_or_dresser(category, clutter, is_level):
+    """Furniture 0.7 high under clutter of 8 and 11 % of the total height."""
+    desk, books = box(category, (1.2, 0.6, 0.7), (0, 0, 0)), box(None, (0.9, 0.12, clutter), (0, 0, 0.7))
     views = orbit(8, 2.6, 1.7, arc=330, target=(0, 0, 0.5), size=(240, 180), focal=180.0)
     objects = [floor(4), replace(desk, solids=desk.solids + books.solids)]
     synthetic = synthetic_scene(objects, views, dense=20_000, noise=0.0005, sparse=500)

@@ -104,13 +104,15 @@ def test_the_back_of_a_table_is_outlined_by_its_top():
     assert not sides.truncated[:2].any()
 
 
-def test_a_mask_that_goes_further_than_the_points_says_so():
-    """The top third of a cabinet left no points: its masks show it, its cloud does not."""
+@pytest.mark.parametrize("n_trimmed", [0, 3])
+def test_a_mask_that_goes_further_than_the_points_says_so(n_trimmed):
+    """The top third of a cabinet left no points, or some that the box excludes: its masks show it."""
     synthetic = synthetic_scene(
         [floor(6), box("cabinet", (0.6, 0.4, 0.9), (0, 0, 0))], views_around(height=0.6), dense=8000
     )
     points = synthetic.scene.dense.points
     keep = ~((synthetic.owner == 1) & (points[:, 2] > 0.6))
+    keep[np.flatnonzero((synthetic.owner == 1) & (points[:, 2] > 0.88))[:n_trimmed]] = True
     bare = type(synthetic)(
         type(synthetic.scene)(
             synthetic.scene.path,

@@ -20,7 +20,7 @@ import pyarrow as pa
 
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError, UnknownKey
-from metric_tree.axes import EXTENTS
+from metric_tree.axes import AXES, EXTENTS
 from metric_tree.prior import STATED_SHARED, Prior
 from metric_tree.release.release import Release
 from metric_tree.tiers import Evidence, is_at_least
@@ -31,6 +31,12 @@ if TYPE_CHECKING:
 
 #: State of an animal whose height is at the withers, by its vertical extent.
 WITH_HEAD = "standing, with its head"
+#: Reason for an axis without a size by tier, if it is not that no source states it.
+_UNKNOWN = {
+    "norm": "the standard leaves it open",
+    "judged": "the judged range leaves it open",
+    "models": "no model has it",
+}
 #: Half-width of the stated range of a ratio in standard deviations: 90 % of the objects are between its ends.
 HALF_WIDTH_SD = 1.645
 
@@ -330,6 +336,19 @@ class Node:
         """
         height: str | None = self._height.get("height")
         return height
+
+    @property
+    def unknown_axes(self) -> str | None:
+        """Axes on which the node has no size, and the reason; None if the size is complete.
+
+        >>> import metric_tree
+        >>> metric_tree.open().find("sloop").unknown_axes
+        'height: no source states it'
+        """
+        dims = {dim for names in self.prior_dims for dim in names}
+        axes = EXTENTS if dims & set(EXTENTS) else AXES
+        missing = " and ".join(axis for axis in axes if axis not in dims)
+        return f"{missing}: {_UNKNOWN.get(self.tier or '', 'no source states it')}" if missing and dims else None
 
     @property
     def underside_seen(self) -> bool:

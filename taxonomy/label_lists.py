@@ -100,16 +100,16 @@ def labelled_node(label: str, name: str, meant: Callable[[str], Sequence[str]] |
     row = label_of(label, name)
     for part in label.split(","):
         row = row or label_of(part, name)
-    if row is None:
+    if row is None or (row.node_id is None and row.reason == NO_NODE):
         # labels of the same node, or of the word with a meaning (`bow_(weapon)`), else of a similar spelling
         rows, node_ids, key = vocabulary(name), meant(label) if meant else (), _fold(label)
         same = [row.label for row in rows if row.node_id is not None and row.node_id in node_ids]
         senses = [row.label for row in rows if "_(" in row.label and _fold(row.label.split("_(")[0]) == key]
-        similar = near_spellings(key, _index(name), n=MAX_SUGGESTIONS) if not same and not senses else []
+        forms = [form for form, one in _index(name).items() if one.node_id is not None]
+        similar = near_spellings(key, forms, n=MAX_SUGGESTIONS) if not same and not senses else []
         near = list(dict.fromkeys(senses + same)) or [_index(name)[form].label for form in similar]
-        raise UnknownLabel(f"{label!r}: no label of {name}; nearest: {', '.join(near) or 'nothing like it'}")
-    if row.node_id is None and row.reason == NO_NODE:
-        raise UnknownLabel(f"{label!r} of {name} names nothing that the tree has a node for")
+        problem = f": no label of {name}" if row is None else f" of {name} names nothing that the tree has a node for"
+        raise UnknownLabel(f"{label!r}{problem}; nearest: {', '.join(near) or 'nothing like it'}")
     if row.node_id is None:
         raise UnknownLabel(f"{label!r} of {name} has no size of its own: {row.reason}")
     return row.node_id

@@ -29,6 +29,7 @@ def node_record(node: Node, dims: tuple[str, ...] | None = None, where: Where | 
         "level": node.level,
         "pose": node.pose,
         "height_is": node.height_is,
+        "unknown_axes": node.unknown_axes,
         "n_items": node.n_items,
         "children": [child.node_id for child in node.children],
         "dims": list(prior.dims) if prior else list(node.dims),

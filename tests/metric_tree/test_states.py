@@ -40,6 +40,20 @@ def test_the_release_says_what_its_heights_are() -> None:
     assert (tree.node("chair.n.01").height_is, tree.node("chair.n.01").underside_seen) == (None, True)
 
 
+def test_an_axis_without_a_size_has_a_reason() -> None:
+    tree = open_tree()
+    reasons = {name: tree.find(name).unknown_axes for name in ("sloop", "football goal", "business card", "chair")}
+    assert reasons == {
+        "sloop": "height: no source states it",
+        "football goal": "width: the standard leaves it open",
+        "business card": "height: the judged range leaves it open",
+        "chair": None,
+    }
+    incomplete = [node for node in tree if not node.children and node.unknown_axes]
+    assert 100 < len(incomplete) < 200
+    assert tree.node("mt:tsuka").unknown_axes == "extent2: no model has it"
+
+
 def test_objects_of_one_scene_share_35_per_cent_of_the_variance_of_a_state() -> None:
     [prior] = state_priors("chair", [FOLDED]).values()
     assert prior.shared_covariance == pytest.approx(0.35 * 0.2**2 * np.eye(3))

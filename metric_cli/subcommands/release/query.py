@@ -78,6 +78,7 @@ def _print(record: dict[str, Any], node: Node, unit: str) -> None:
         ("path", " > ".join(record["path"])),
         ("pose", record["pose"]),
         ("height", record["height_is"]),
+        ("unknown", record["unknown_axes"]),
         ("items", record["n_items"]),
         ("tier", record["tier"] or "none"),
         *(("norm", norm) for norm in norms),

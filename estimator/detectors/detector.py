@@ -149,7 +149,7 @@ class Detector:
         """
         if self._one_stage is not None:
             return self._one_stage_detections(self._one_stage, image)
-        inputs, factor = self._prepare(image)
+        inputs, factor = self.prepare(image)
         boxes, labels, scores, masks = run_graph(
             self._session, self.path, self._outputs, {self._input.name: inputs[None] if self._is_batched else inputs}
         )
@@ -206,7 +206,7 @@ class Detector:
             expected = f"at most {MAX_DETECTIONS:,} of score {MIN_SCORE} or more in an image"
             raise InputError.at(self.path, "detections", expected, Unquoted(f"{count:,}"))
 
-    def _prepare(self, image: Image) -> tuple[NDArray[np.float32], FloatArray]:
+    def prepare(self, image: Image) -> tuple[NDArray[np.float32], FloatArray]:
         """Return the input (3, H', W') of a Mask R-CNN, and the factors (x, y) from pixels of the image to its own."""
         height, width = image.shape[:2]
         input_height, input_width = self._input.shape[-2:]

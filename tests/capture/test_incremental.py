@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from capture.mapping import mapper
+from capture.mapping import incremental, mapper
 from capture.mapping.camera_prior import Lens
-from capture.mapping.incremental import compare_global, mapping, n_consistent
+from capture.mapping.incremental import compare_global, finish, mapping, n_consistent
 from capture.mapping.refusals import MAX_DISAGREEMENT, MIN_WHOLE_RATIO
 from estimator.reconstructions.pycolmap_library import pycolmap
 from tests.synthetic.wrong_pieces import move_frames
@@ -91,3 +91,29 @@ def test_the_cameras_that_are_tried_in_turn(changes: dict[str, Any], models: lis
     if len(cameras) > 1:
         assert focals[-4:] == pytest.approx([0.85 * 640, 0.4 * 640, 0.48 * 640, 0.34 * 640])
         assert [camera["if_stated"] for camera in cameras][-4:] == [False] * 4
+
+
+@pytest.mark.parametrize(("deviation", "n_removed"), [(0.09, 0), (0.11, 1)])
+def test_frames_whose_steps_vary_by_more_than_a_tenth_are_removed(
+    deviation: float, n_removed: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """MAX_STEP_STD, relative to the length of the step."""
+    output = tmp_path / "models"
+    (output / "0").mkdir(parents=True)
+    model = made(output / "0.db")
+    model.write_binary(str(output / "0"))
+    last = max(image.name for image in model.images.values())
+
+    def steps(model: Any) -> tuple[float, dict[str, float]]:
+        return 0.01, {image.name: deviation for image in model.images.values() if image.name == last}
+
+    monkeypatch.setattr(incremental, "standard_deviations", steps)
+    request = {"output": str(output), "images": str(output), "fixed": True, "free": False}
+    figures = finish(request)["model"]
+    assert list(figures["undetermined"]) == [last] * n_removed
+    assert len(figures["names"]) == N_FRAMES - n_removed
+
+
+def test_a_mapping_without_a_model_has_no_figures(tmp_path: Path) -> None:
+    (tmp_path / "other").mkdir()
+    assert finish({"output": str(tmp_path)}) == {"model": None}

@@ -108,3 +108,19 @@ def test_a_match_is_nearer_than_the_next_by_a_fifth(ratio: float, score: int) ->
     first[0, :2], first[1, 5] = turned[0], 1
     second[:2, :2], second[2, 5] = plane, 1
     assert coarse_scores([first, second])[0, 1] == score
+
+
+@pytest.mark.parametrize(("n", "score"), [(400, 2), (401, 0)])
+def test_every_frame_of_up_to_400_is_compared(n: int, score: int) -> None:
+    """MAX_COMPARED: of more frames, every second one is; the others have no features here."""
+    empty = np.empty((0, 128), dtype=np.float32)
+    features = np.eye(128, dtype=np.float32)[:2]
+    assert coarse_scores([features, features, *[empty] * (n - 2)])[0, 1] == score
+
+
+@pytest.mark.parametrize(("n_common", "is_tried"), [(3, False), (4, True)])
+def test_candidates_of_a_loop_have_four_common_features(n_common: int, is_tried: bool) -> None:
+    scores = np.zeros((60, 60), dtype=np.int64)
+    scores[0, 50] = scores[50, 0] = n_common
+    assert ((0, 50) in chosen_pairs(scores, in_order=True)) == is_tried
+    assert ((0, 50) in chosen_pairs(scores, in_order=False)) == is_tried

@@ -411,3 +411,52 @@ def test_a_box_is_within_ten_sides_of_the_image(right: float, n_pixels: int) -> 
     """MAX_BOX_DISTANCE for an image of 8 x 4 pixels: boxes beyond 80 pixels are nowhere."""
     box = np.array([[0.0 if right > 0 else right - 0.5, 0.0, right, 4]])
     assert int(detector.pasted_mask(np.ones((1, 1, 4, 4)), box, 0, (8, 4)).sum()) == n_pixels
+
+
+@pytest.mark.parametrize(("n_bytes", "is_read"), [(1 << 31, True), ((1 << 31) + 1, False)])
+def test_a_graph_has_at_most_two_gibibytes(
+    n_bytes: int, is_read: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """MAX_GRAPH_BYTES, of a file without blocks on the disk."""
+    with (tmp_path / "a.onnx").open("wb") as file:
+        file.truncate(n_bytes)
+    read: list[Path] = []
+    monkeypatch.setattr(detector, "registry_entry_of", read.append)
+    monkeypatch.setattr(detector, "Detector", lambda *_: None)
+    with nullcontext() if is_read else pytest.raises(InputError, match="at most 2,147,483,648 bytes"):
+        load_detector(tmp_path / "a.onnx")
+    assert len(read) == is_read
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (b"a\n" * 100_000, None),
+        (b"a\n" * 100_001, "labels: expected at most 100,000 lines"),
+        (b"a" * (1 << 24), None),
+        (b"a" * ((1 << 24) + 1), "at most 16,777,216 bytes"),
+    ],
+)
+def test_a_detector_has_at_most_100000_labels_in_16_mebibytes(
+    text: bytes, message: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "labels.txt").write_bytes(text)
+    monkeypatch.setattr(detector, "Detector", lambda *_: None)
+    monkeypatch.setattr(detector, "registry_entry_of", lambda _: None)
+    (tmp_path / "a.onnx").touch()
+    with nullcontext() if message is None else pytest.raises(InputError, match=message):
+        load_detector(tmp_path / "a.onnx", tmp_path / "labels.txt")
+
+
+@pytest.mark.parametrize(
+    ("size", "shape", "ratio"),
+    [((400, 400), (800, 800), 2.0), ((400, 240), (1344, 800), 3.3325), ((600, 600), (800, 800), 4 / 3)],
+)
+def test_an_image_for_caffe_has_a_shorter_side_of_800_and_a_longer_one_of_1333(
+    size: tuple[int, int], shape: tuple[int, int], ratio: float
+) -> None:
+    """The sides are padded to multiples of 32; (height, width)."""
+    graph: Any = SimpleNamespace(form="caffe", _input=SimpleNamespace(shape=[3, "h", "w"]))
+    inputs, factor = Detector.prepare(graph, np.zeros((*size, 3), dtype=np.uint8))
+    assert inputs.shape == (3, *shape)
+    assert factor == pytest.approx([ratio, ratio], rel=2e-3)

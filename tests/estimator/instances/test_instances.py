@@ -399,3 +399,34 @@ def test_an_image_has_10000_masks_and_a_scene_four_gibibytes(
     mask = Instance("1", 0, "chair", np.broadcast_to(np.array(True), shape), (0, 0))
     with nullcontext() if message is None else pytest.raises(FieldError, match=message):
         assert sum(1 for _ in view_matching.within_limits([mask] * n_masks)) == n_masks
+
+
+@pytest.mark.parametrize(("height", "field"), [(256, "parts"), (304, "values")])
+def test_values_of_an_image_of_categories_are_compared_with_four_billion_pixels(
+    height: int, field: str, tmp_path: Path
+) -> None:
+    """MAX_COMPARED: 55,536 values times 65,536 pixels, and times 77,824; the first value has too many parts in both."""
+    values = np.zeros((height, 256), dtype=np.uint16)
+    is_background = np.zeros((height, 256), dtype=bool)
+    is_background[:256:2, ::2].flat[:10_001] = True
+    values[:256][~is_background[:256]] = np.arange(1, 65_536 - 10_001 + 1)
+    values[256:] = 1
+    scene = scene_of(tmp_path, "a.png", width=256, height=height)
+    (tmp_path / "instances").mkdir()
+    names = {str(value): str(value) for value in range(65_536)}
+    (tmp_path / "instances" / "categories.json").write_text(json.dumps(names), encoding="utf-8")
+    Image.fromarray(values).save(tmp_path / "instances" / "a.png.png")
+    with pytest.raises(InputError, match=f"{field}: expected at most"):
+        read_instances_and_warnings(scene, tmp_path / "instances")
+
+
+@pytest.mark.parametrize(
+    ("key", "is_read"), [("65535", True), ("0000000001", True), ("65536", False), ("00000000001", False)]
+)
+def test_a_pixel_value_has_16_bits_and_ten_digits(key: str, is_read: bool, tmp_path: Path) -> None:
+    scene = scene_of(tmp_path, "a.png", width=8, height=8)
+    (tmp_path / "instances").mkdir()
+    (tmp_path / "instances" / "categories.json").write_text(json.dumps({key: "chair"}), encoding="utf-8")
+    Image.fromarray(np.full((8, 8), int(key) % 65_536, dtype=np.uint16)).save(tmp_path / "instances" / "a.png.png")
+    with nullcontext() if is_read else pytest.raises(InputError, match="value: expected a pixel value from 0 to 65535"):
+        assert len(read_instances_and_warnings(scene, tmp_path / "instances")[0]) == 1

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import errno
+import shutil
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -151,3 +154,98 @@ def test_an_error_is_of_the_file_that_it_names(tmp_path: Path) -> None:
     with pytest.raises(OSError, match="No space left") as error, WorkFolder(work).lock():
         raise OSError(errno.ENOSPC, "No space left on device", str(tmp_path / "figure.png"))
     assert error.value.filename == str(tmp_path / "figure.png")
+
+
+def made(text: str) -> Callable[[Path], None]:
+    def make(part: Path) -> None:
+        (part / "d.txt").write_text(text)
+
+    return make
+
+
+@pytest.mark.parametrize(
+    ("free", "error", "number"),
+    [
+        ((1 << 16) - 1, OSError("cannot write the model"), errno.ENOSPC),
+        (1 << 16, OSError("cannot write the model"), None),
+        (0, OSError(errno.EACCES, "denied"), errno.EACCES),
+    ],
+)
+def test_an_error_without_a_number_on_a_full_disk_is_that_of_the_disk(
+    free: int, error: OSError, number: int | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Less than 65,536 bytes are free (MAX_FREE_OF_FULL_DISK); COLMAP's writers state no number."""
+
+    def make(part: Path) -> None:
+        raise error
+
+    work = WorkFolder(tmp_path / "w")
+    with work.lock():
+        monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=free))
+        with pytest.raises(OSError) as raised:  # noqa: PT011 - the number of the error is checked
+            work.stage("dense", {}, ["d.txt"], make)
+    assert raised.value.errno == number
+    assert sorted(entry.name for entry in (tmp_path / "w").iterdir()) == [".lock", "stamps"]
+
+
+def test_another_error_on_a_full_disk_is_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def make(part: Path) -> None:
+        raise ValueError(part.name)
+
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=0))
+    work = WorkFolder(tmp_path / "w")
+    with work.lock(), pytest.raises(ValueError, match="dense"):
+        work.stage("dense", {}, ["d.txt"], make)
+
+
+@pytest.mark.parametrize("stamp", ["[]", "{}", '{"outputs": "d.txt"}', "{"])
+def test_a_stamp_of_another_form_owns_nothing(stamp: str, tmp_path: Path) -> None:
+    work = WorkFolder(tmp_path / "w")
+    with work.lock():
+        work.stage("dense", {}, ["d.txt"], made("a"))
+        (tmp_path / "w" / "stamps" / "dense.json").write_text(stamp)
+        assert not work.is_made("dense", {})
+        with pytest.raises(InputError, match="already exists and is not of an earlier run"):
+            work.stage("dense", {}, ["d.txt"], made("b"))
+
+
+def test_outputs_of_an_older_version_are_replaced_without_a_digest(tmp_path: Path) -> None:
+    work = WorkFolder(tmp_path / "w")
+    with work.lock():
+        work.stage("dense", {}, ["d.txt"], made("a"))
+        (tmp_path / "w" / "stamps" / "dense.json").write_text('{"key": "old", "outputs": ["d.txt"]}')
+        (tmp_path / "w" / "d.txt").write_text("changed")
+        work.stage("dense", {}, ["d.txt"], made("b"))
+        assert (tmp_path / "w" / "d.txt").read_text() == "b"
+
+
+def test_a_link_or_a_changed_file_is_no_output_of_a_stage(tmp_path: Path) -> None:
+    work = WorkFolder(tmp_path / "w")
+    with work.lock():
+        work.stage("dense", {"model": 1}, ["d.txt"], made("a"))
+        (tmp_path / "other.txt").write_text("a")
+        (tmp_path / "w" / "d.txt").unlink()
+        (tmp_path / "w" / "d.txt").symlink_to(tmp_path / "other.txt")  # to equal bytes
+        with pytest.raises(InputError, match="it was changed since the run that wrote it"):
+            work.stage("dense", {"model": 2}, ["d.txt"], made("b"))
+        (tmp_path / "w" / "d.txt").unlink()
+        (tmp_path / "w" / "d.txt").write_text("mine")
+        with pytest.raises(InputError, match="it was changed since the run that wrote it"):
+            work.discard("dense", ["d.txt"])
+        assert (tmp_path / "w" / "d.txt").read_text() == "mine"
+
+
+def test_a_stage_that_is_made_keeps_its_digest_and_its_time(tmp_path: Path) -> None:
+    work, again = WorkFolder(tmp_path / "w"), WorkFolder(tmp_path / "w")
+    with work.lock():
+        digest = work.stage("dense", {"model": 1}, ["d.txt", "e.txt"], made("a"))
+        assert work.is_made("dense", {"model": 1})
+        assert not work.is_made("dense", {"model": 2})
+        assert not work.is_made("other", {"model": 1})
+        assert again.stage("dense", {"model": 1}, ["d.txt", "e.txt"], made("b")) == digest
+        assert again.processor_s == work.processor_s
+        assert (again.seconds, list(work.seconds)) == ({}, ["dense"])
+        work.discard_stale("none", {}, ["n.txt"])  # of a stage that was never made
+        # an output that a stage no longer writes is removed
+        assert again.stage("dense", {"model": 3}, ["d.txt"], lambda part: None) != digest
+        assert not (tmp_path / "w" / "d.txt").exists()

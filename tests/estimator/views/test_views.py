@@ -135,3 +135,46 @@ def test_labels_have_a_gap_of_nine_pixels(monkeypatch):
         raster.with_labels(canvas, view, [(box, corners)] * 2, np.zeros(2))
         (_, first, _, bottom), (_, second, _, _) = drawn
         assert second - first == 8 * np.ceil((bottom - first - 8 + 9) / 8)
+
+
+EMPTY = {
+    "points": (np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)),
+    "cameras": np.zeros((0, 2, 3)),
+    "up": np.zeros((0, 2, 3)),
+    "planes": (),
+    "boxes": (),
+}
+
+
+@pytest.mark.parametrize("part", ["points", "cameras", "up", "planes", "boxes"])
+def test_a_view_without_a_part_has_no_node_of_it(part: str) -> None:
+    changes = (
+        {"points": EMPTY["points"][0], "point_colours": EMPTY["points"][1]} if part == "points" else {part: EMPTY[part]}
+    )
+    names = {}
+    for key, view in (("all", hand_view()), ("without", replace(hand_view(), **changes))):
+        data = glb_bytes(view)
+        record = json.loads(data[20 : 20 + int.from_bytes(data[12:16], "little")])
+        names[key] = [node["name"] for node in record["nodes"]]
+        assert record["scenes"][0]["nodes"] == list(range(len(record["nodes"])))
+    omitted = {"planes": {"plane 1"}, "boxes": {"box a", "box b", "box c"}}.get(part, {part})
+    assert [name for name in names["all"] if name not in omitted] == names["without"]
+
+
+def test_a_view_of_cameras_only_has_their_bounds() -> None:
+    view = replace(hand_view(), points=EMPTY["points"][0], point_colours=EMPTY["points"][1], boxes=(), planes=())
+    assert view.bounds() == pytest.approx(np.array([[-1, 1, 3], [1, 1.8, 4]]))
+    nothing = replace(view, cameras=EMPTY["cameras"])
+    assert nothing.bounds() == pytest.approx(np.array([[-1.0] * 3, [1.0] * 3]))
+
+
+@pytest.mark.parametrize("verdict", ["used", "outlier"])
+def test_faces_are_transparent_and_edges_are_not(verdict: str) -> None:
+    data = glb_bytes(replace(hand_view(), boxes=tuple(b for b in hand_view().boxes if b.verdict == verdict)[:1]))
+    record = json.loads(data[20 : 20 + int.from_bytes(data[12:16], "little")])
+    node = next(node for node in record["nodes"] if node["name"].startswith("box"))
+    edges, faces = record["meshes"][node["mesh"]]["primitives"]
+    assert (edges["mode"], faces["mode"]) == (1, 4)
+    materials = [record["materials"][primitive["material"]] for primitive in (edges, faces)]
+    assert [material.get("alphaMode") for material in materials] == [None, "BLEND"]
+    assert [material["pbrMetallicRoughness"]["baseColorFactor"][3] for material in materials] == [1.0, 0.16]

@@ -62,6 +62,7 @@ coverage: system .venv/.dev ## the tests with the share of lines and branches th
 reference: .venv/.dev ## write the generated pages of the reference
 	$(BIN)/python docs/generate.py
 	$(BIN)/python docs/draw_architecture.py
+	$(BIN)/python docs/module_index.py
 
 pictures: .venv/.dev ## write the images of the documentation from the shipped scenes (three minutes)
 	$(BIN)/python docs/draw_images.py

@@ -159,3 +159,14 @@ def test_24_views_have_a_depth_map(n_views: int, n_maps: int, tmp_path: Path, mo
     scene = Scene(tmp_path, "memory", tuple(views), points)
     assert make_dense_cloud(scene, tmp_path, tmp_path / "a.ply", lambda count, of: done.append((count, of))) == 0
     assert done == [(k + 1, n_maps) for k in range(n_maps)]
+
+
+@pytest.mark.parametrize(("step", "is_filled"), [(0.046, True), (0.054, False)])
+def test_a_surface_is_filled_up_to_an_object_five_percent_nearer(step: float, is_filled: bool) -> None:
+    """MIN_OBJECT_STEP: the nearest known pixel of a part of the hole is on the object, a twentieth of its border."""
+    depth = np.full((60, 60), 2.0, dtype=np.float32)
+    depth[20:40, 20:40] = np.nan
+    depth[17:20, 28:32] = 2.0 / (1 + step)
+    filled = fill_planes(depth, np.full((60, 60), 90.0, dtype=np.float32))
+    assert filled[30, 21] == pytest.approx(2.0)
+    assert np.isfinite(filled[20, 30]) == is_filled

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from capture.mapping import incremental, mapper
+from capture.mapping.camera_models import ModelScore
 from capture.mapping.camera_prior import Lens
 from capture.mapping.incremental import compare_global, finish, mapping, n_consistent
 from capture.mapping.refusals import MAX_DISAGREEMENT, MIN_WHOLE_RATIO
@@ -117,3 +118,47 @@ def test_frames_whose_steps_vary_by_more_than_a_tenth_are_removed(
 def test_a_mapping_without_a_model_has_no_figures(tmp_path: Path) -> None:
     (tmp_path / "other").mkdir()
     assert finish({"output": str(tmp_path)}) == {"model": None}
+
+
+@pytest.mark.parametrize(("n_removed", "is_compared"), [(4, True), (5, False)])
+def test_two_mappers_are_compared_if_they_share_half_of_the_frames(
+    n_removed: int, is_compared: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """MIN_SHARED_RATIO of the eight frames of the first model."""
+    model, other = made(tmp_path / "a.db"), made(tmp_path / "b.db")
+    for image in sorted(other.images.values(), key=lambda one: one.name)[:n_removed]:
+        other.deregister_frame(image.frame_id)
+    (tmp_path / "model").mkdir()
+    model.write_binary(str(tmp_path / "model"))
+    monkeypatch.setattr(incremental.pycolmap, "global_mapping", lambda *_, **__: {0: other})
+    request = {"database": "", "images": "", "output": "", "folder": str(tmp_path / "model")}
+    found = compare_global(request)["disagreement"]
+    assert (found is not None) == is_compared
+    monkeypatch.setattr(incremental.pycolmap, "global_mapping", lambda *_, **__: {})
+    assert compare_global(request) == {"disagreement": None}
+
+
+@pytest.mark.parametrize(("pattern", "is_free", "names"), [(0.059, True, None), (0.061, True, 3), (0.061, False, 4)])
+def test_camera_models_are_compared_if_the_residuals_have_a_pattern(
+    pattern: float, is_free: bool, names: int | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """MIN_COMPARED_PATTERN; the model of the user is compared with the candidates."""
+    options = pycolmap.SyntheticDatasetOptions(num_rigs=1, num_cameras_per_rig=1, num_frames_per_rig=4)
+    options.num_points3D = 20
+    model = pycolmap.synthesize_dataset(options)
+    model.write_binary(str(tmp_path))
+    compared: list[tuple[str, ...]] = []
+
+    def scores(_: Path, names: tuple[str, ...]) -> dict[str, ModelScore]:
+        compared.append(names)
+        return {name: ModelScore(1.0, 0.0, 0.0, [600.0]) for name in names}
+
+    monkeypatch.setattr(incremental, "residual_pattern", lambda *_: pattern)
+    monkeypatch.setattr(incremental, "model_scores", scores)
+    monkeypatch.setattr(incremental, "CANDIDATE_MODELS", ("SIMPLE_RADIAL", "RADIAL", "OPENCV"))
+    for camera in model.cameras.values():
+        camera.model = pycolmap.CameraModelId.SIMPLE_RADIAL if is_free else pycolmap.CameraModelId.FOV
+        camera.params = [600.0, 512.0, 384.0, 0.0] if is_free else [600.0, 600.0, 512.0, 384.0, 0.1]
+    choice = incremental.compare_camera_models(model, tmp_path, is_free)
+    assert (choice is not None) == (names is not None)
+    assert [len(one) for one in compared] == ([] if names is None else [names])

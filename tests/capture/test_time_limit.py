@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import errno
+import signal
 import sys
 import time
 from pathlib import Path
 from types import SimpleNamespace
+from typing import TextIO
 
 import pytest
 
@@ -14,6 +17,7 @@ from capture.mapping.refusals import CaptureFailure
 from capture.mapping.worker import (
     OutOfTime,
     TimeLimit,
+    WorkerError,
     limit_of,
     processor_s,
     run_worker,
@@ -60,3 +64,84 @@ def test_the_limit_grows_with_the_frames(monkeypatch: pytest.MonkeyPatch) -> Non
     assert (by_default.left_s, limit_of(1000).left_s, stated.left_s) == (900, 6000, 30)
     assert by_default.wall_left_s > 900
     assert stated.wall_left_s == 30
+
+
+class _Process:
+    """A worker that prints lines, and ends with a status after it wrote a log."""
+
+    def __init__(self, lines: list[str], status: int) -> None:
+        self.stdout, self._status = iter(lines), status
+
+    def wait(self) -> int:
+        return self._status
+
+    poll = wait
+
+    def kill(self) -> None:
+        pass
+
+
+@pytest.mark.parametrize(
+    ("log", "free", "expected"),
+    [
+        ("no space left on device", 1 << 30, OSError),
+        ("The database disk is FULL", 1 << 30, OSError),
+        ("killed", (1 << 16) - 1, OSError),
+        ("killed", 1 << 16, WorkerError),
+    ],
+)
+def test_a_step_that_fails_on_a_full_disk_names_the_disk(
+    log: str, free: int, expected: type[Exception], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """MIN_FREE_BYTES of 65,536."""
+
+    def start(*_: object, stderr: TextIO, **__: object) -> _Process:
+        stderr.write(log)
+        return _Process(["{}"], 1)
+
+    monkeypatch.setattr(time_limit.subprocess, "Popen", start)
+    monkeypatch.setattr(time_limit.shutil, "disk_usage", lambda _: SimpleNamespace(free=free))
+    with pytest.raises(expected) as raised:
+        run_worker("features", {}, tmp_path)
+    if isinstance(raised.value, OSError):
+        assert raised.value.errno == errno.ENOSPC
+    else:
+        assert str(raised.value) == "the reconstruction step 'features' ended with status 1: killed"
+
+
+@pytest.mark.parametrize(
+    ("lines", "status", "words"),
+    [
+        ([], 0, "ended with status 0: no log"),  # without a result
+        (['{"result": 1}'], 2, "ended with status 2"),
+        ([], -9, "was ended by SIGKILL"),
+    ],
+)
+def test_a_step_ends_with_a_result_and_status_0(
+    lines: list[str], status: int, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(time_limit.subprocess, "Popen", lambda *_, **__: _Process(lines, status))
+    with pytest.raises(WorkerError, match=words):
+        run_worker("features", {}, tmp_path)
+
+
+def test_the_output_of_a_step_is_progress_and_a_result(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    lines = ["a library", "[1]", '{"done": 1, "of": 3}', '{"other": 1}', '{"result": {"a": 1}}']
+    monkeypatch.setattr(time_limit.subprocess, "Popen", lambda *_, **__: _Process(lines, 0))
+    seen: list[tuple[str, int, int]] = []
+    found = run_worker("features", {"x": 2}, tmp_path, progress=lambda *row: seen.append(row))  # type: ignore[arg-type]
+    assert found == {"a": 1}
+    assert seen == [("features", 1, 3)]
+    assert (tmp_path / "features.request.json").read_text() == '{"x": 2}'
+
+
+@pytest.mark.parametrize(
+    ("left_s", "status", "is_late"), [(0.0, 1, True), (10.0, -int(signal.SIGXCPU), True), (10.0, 1, False)]
+)
+def test_a_step_without_a_result_at_its_limit_is_out_of_time(
+    left_s: float, status: int, is_late: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(time_limit.subprocess, "Popen", lambda *_, **__: _Process([], status))
+    limit = TimeLimit(time.monotonic() + left_s)
+    with pytest.raises(OutOfTime if is_late else WorkerError):
+        run_worker("features", {}, tmp_path, limit=limit)

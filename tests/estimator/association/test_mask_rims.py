@@ -217,3 +217,19 @@ def test_the_rim_of_a_mask_is_two_pixels_wide_or_wider(side, n_rim):
     rim, outside = mask_checks.border_observations(SimpleNamespace(keypoints=keypoints), mask)
     assert rim.tolist() == [0, 1][:n_rim]
     assert outside.tolist() == [3] * bool(n_rim)
+
+
+@pytest.mark.parametrize(("step", "continuity"), [(0.028, 1.0), (0.032, 0.0)])
+@pytest.mark.parametrize(("n", "is_known"), [(99, False), (100, True)])
+def test_points_of_a_surface_differ_by_three_percent_in_depth(step, continuity, n, is_known):
+    """MAX_DEPTH_STEP; a hundred observations outside of the mask (MIN_RIM_OBSERVATIONS), each by one in its rim."""
+    mask = Instance("1", 0, "chair", np.ones((60, 240), dtype=bool), (100, 100))
+    x = 102.5 + 2.0 * np.arange(n)
+    keypoints = np.concatenate([np.column_stack([x, np.full(n, 101.5)]), np.column_stack([x, np.full(n, 98.5)])])
+    depth = np.repeat([5.0, 5.0 * (1 + step)], n)
+    camera = Camera("SIMPLE_PINHOLE", 640, 480, np.array([500.0, 320, 240]))
+    points = np.column_stack([(keypoints - [320, 240]) / 500 * depth[:, None], depth])
+    view = View("a", camera, np.eye(3), np.zeros(3), keypoints, np.arange(2 * n))
+    found = depth_continuity([view], points, [mask])
+    assert found == pytest.approx(continuity if is_known else np.nan, nan_ok=True)
+    assert np.isnan(depth_continuity([view], points, [replace(mask, from_box=True)]))

@@ -82,7 +82,7 @@ def test_units_that_are_no_metres_are_refused(
     assert "--depth-error" in error
 
 
-@pytest.mark.parametrize("factor", [0.37, 1.0, 5.2])
+@pytest.mark.parametrize("factor", [0.37, 5.2])
 def test_gaussians_of_depth_anything_3_have_the_units_of_its_network(
     factor: float, views: RenderedViews, tmp_path: Path
 ) -> None:
@@ -98,7 +98,7 @@ def test_gaussians_of_depth_anything_3_have_the_units_of_its_network(
     assert scene.dense is not None
     for row, view in enumerate(scene.views):
         assert np.abs(factor * view.centre - views.centre[row]).max() < 0.02
-    assert any(f"is {factor:.2g}" in line for line in scene.warnings) == (factor != 1)
+    assert any(f"is {factor:.2g}" in line for line in scene.warnings)
     measurements = measure_objects(scene, ())
     (evidence,) = MetricDepth(None, network_sd=0.3).observe(scene, measurements)
     assert evidence.scale == pytest.approx(factor, rel=0.01)  # of the splat, whatever the unit of the network
@@ -254,3 +254,17 @@ def test_depths_of_two_maps_agree(log_ratio: float, agreement: float, n_views: i
     cloud = depth_cloud(views, depth)
     assert cloud.visible_offsets is not None
     assert set(np.diff(cloud.visible_offsets).tolist()) == {n_views}
+
+
+@pytest.mark.parametrize(("factor", "is_reported"), [(1.017, False), (1.023, True)])
+def test_gaussians_in_other_units_by_two_percent_are_reported(
+    factor: float, is_reported: bool, views: RenderedViews, tmp_path: Path
+) -> None:
+    """MIN_UNIT_DIFFERENCE, of Gaussians at the points of the depth maps."""
+    folder = write_output("Depth Anything 3", views, tmp_path / "scene")
+    depths = read_scene(folder).dense
+    assert depths is not None
+    splat = write_splat(folder / "exports" / "gs_ply" / "0000.ply", depths.points / factor)
+    scene = read_scene(splat)
+    assert any("1 unit of it is" in line for line in scene.warnings) == is_reported
+    assert scene.file_units == pytest.approx(factor if is_reported else 1.0, abs=0.002)

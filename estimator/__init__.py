@@ -53,7 +53,6 @@ __getattr__, __dir__, __all__ = lazy_names(
     },
 )
 
-
 # Modules, their limits, and their tests in `tests/estimator`:
 # - pipeline: Estimate the metric scale of a scene or of measured objects: the stages in order, with their durations.
 #   Limits: MIN_GROUP_FRACTION. Tests: test_documented_forms.py, test_same_numbers.py.

@@ -3,7 +3,7 @@
 # Modules, their limits, and their tests in `tests/capture`:
 # - camera_models: Choose the camera model of a reconstruction by the residuals of observations that the adjustment did
 #   not see. Limits: MIN_TRACK_LENGTH, HELD_OUT_FRACTION, MAX_HELD_OUT_PX, MIN_GAIN_ERRORS. Tests:
-#   test_camera_model_choice.py, test_disputes.py, test_refusals.py.
+#   test_camera_model_choice.py, test_disputes.py, test_incremental.py, test_refusals.py.
 # - camera_prior: Knowledge about the camera before the mapping. Tests: test_disputes.py, test_incremental.py.
 # - colmap_worker: Steps of the reconstruction with COLMAP, in a separate process, because an abort in C++ ends the
 #   process. Limits: N_IMAGES_AT_ONCE, N_PAIRS_AT_ONCE, N_COMPARED_FEATURES. Tests: test_pycolmap_library.py.

@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.geometry.planes import level_basis
+from estimator.projection.cameras import pixels_in_view
 from estimator.projection.visibility import project_unoccluded
 from insertion.colour import luminance, srgb_to_linear
 from insertion.footage.footage import SceneImages
@@ -95,6 +96,9 @@ CLIPPED_GAIN = 6.0
 MIRROR_SIGMA, MIRROR_RANGE = 0.7, (0.1, 10.0)
 #: Radius around a position outdoors in which the depth of the cloud is replaced by the ground, in camera heights.
 NEAR_CAMERA_HEIGHTS = 1.5
+#: Minimum sine of the angle below the horizon of directions to the support, up to about 2.5 heights of the object from
+#: its foot, and number of images whose median is its colour, so that an occluder in one of them is ignored.
+MIN_SUPPORT_SINE, N_SUPPORT_IMAGES = 0.2, 3
 #: Diameter of the sun in radians.
 SUN_DIAMETER = 0.0093
 #: Distance of the sun, in heights of the object: its light is parallel.
@@ -150,8 +154,9 @@ def environment_at(
     centre = position + 0.5 * height * basis[2]
     ground = float(position @ basis[2]) if isinstance(light, OutdoorLight) else None
     samples = _direction_samples(centre, basis, cloud, images, ground)
-    radiance, coverage, sky = average_by_direction(samples)
-    detail = mirror_detail(samples, fill_unseen(radiance, coverage))
+    complete_samples = with_support(samples, centre, position, basis, images)
+    radiance, coverage, sky = average_by_direction(complete_samples)
+    detail = mirror_detail(complete_samples, fill_unseen(radiance, coverage))
     if isinstance(light, OutdoorLight):
         below = samples.directions[:, 2] < -0.5
         ground_pixels = samples.colours[below if below.any() else ~samples.sky]
@@ -355,6 +360,40 @@ def _pixel_samples(
         colours = srgb_to_linear(images.image(row)[sampled]).reshape(-1, 3)
         samples.append((view.centre, in_scene, colours, depth, distance * 640 / view.camera.width))
     return samples
+
+
+def with_support(
+    samples: DirectionSamples, centre: FloatArray, position: FloatArray, basis: FloatArray, images: SceneImages
+) -> DirectionSamples:
+    """Replace samples in steep directions downwards by the support in the closest images, one per cell of the mirrors.
+
+    Pixels as directions would leave gaps close to a position, and show what the support hides.
+
+    Parameters
+    ----------
+    centre, position : (3,) ndarray of float
+        Centre of the directions, and the position on the support below it.
+    """
+    directions = map_directions(MIRROR * HEIGHT, MIRROR * WIDTH).reshape(-1, 3)
+    directions = directions[directions[:, 2] < -MIN_SUPPORT_SINE]
+    places = centre - directions @ basis * ((centre - position) @ basis[2] / directions[:, 2:])
+    views = images.scene.views
+    closest = sorted(images.rows, key=lambda row: float(np.linalg.norm(views[row].centre - position)))
+    seen = np.full((N_SUPPORT_IMAGES, len(places), 3), np.nan, np.float32)
+    for colours, row in zip(seen, closest, strict=False):
+        pixels, _ = pixels_in_view(views[row], places)
+        inside = np.flatnonzero(np.isfinite(pixels[:, 0]))
+        columns, rows = pixels[inside].astype(np.int64).T
+        colours[inside] = srgb_to_linear(images.image(row)[rows, columns])
+    known = np.isfinite(seen[..., 0]).any(axis=0)
+    if not known.any():
+        return samples
+    keep = samples.directions[:, 2] >= -MIN_SUPPORT_SINE
+    return DirectionSamples(
+        np.concatenate([samples.directions[keep], directions[known]]),
+        np.concatenate([samples.colours[keep], np.nanmedian(seen[:, known], axis=0)]),
+        np.concatenate([samples.sky[keep], np.zeros(int(known.sum()), dtype=bool)]),
+    )
 
 
 def average_by_direction(

@@ -35,9 +35,10 @@ class DeferredTargets:
         self._buffers: list[Any] = []
         self._gathered: Any = None
         self._lit: Any = None
+        self._quarters: tuple[Any, Any] = None, None
 
     def draw(
-        self, parts: Sequence[GpuPart], gather: Any, cover: Any, window: Window
+        self, parts: Sequence[GpuPart], gather: Any, cover: Any, outline: Any, window: Window
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Return linear radiance and coverage (h, w, 4), and depth times coverage and coverage (h, w, 2).
 
@@ -49,10 +50,15 @@ class DeferredTargets:
             Program of the geometry buffers, with its uniforms.
         cover : moderngl.VertexArray
             Quad over the target with the lighting program.
+        outline : moderngl.Program
+            Program of the vertex arrays `cast`, for the coverage.
         """
+        import cv2
+
         context = self._context
         colour = np.empty((window.height, window.width, 4), np.float32)
         seen = np.empty((window.height, window.width, 2), np.float32)
+        coverage = np.empty((window.height, window.width), np.float32)
         self._resize(min(window.width, TILE), min(window.height, TILE))
         for y, x in itertools.product(range(0, window.height, TILE), range(0, window.width, TILE)):
             # 1. The geometry buffers of a tile.
@@ -77,16 +83,49 @@ class DeferredTargets:
             rows, columns = slice(y, y + height), slice(x, x + width)
             colour[rows, columns] = read_layer(self._lit, (width, height), 0, 4)
             seen[rows, columns] = read_layer(self._lit, (width, height), 1, 2)
-        return colour, seen
+
+            # 3. Its coverage by the samples of four quarters of each pixel.
+            smooth, plain = self._quarters
+            smooth.use()
+            smooth.viewport = (-2 * x, -2 * y, 2 * window.width, 2 * window.height)
+            smooth.clear()
+            for part in parts:
+                part.bind(outline)
+                part.cast.render()
+            context.copy_framebuffer(plain, smooth)
+            quarters = read_layer(plain, (2 * width, 2 * height), 0, 1)
+            coverage[rows, columns] = cv2.resize(quarters, (width, height), interpolation=cv2.INTER_AREA)
+        return with_coverage(colour, seen, coverage)
 
     def _resize(self, width: int, height: int) -> None:
         """Allocate buffers of at least this size, and release the previous ones."""
         size = (-(-width // STEP_PX) * STEP_PX, -(-height // STEP_PX) * STEP_PX)
         if size == self._size:
             return
-        release(*self._buffers, self._gathered, self._lit)
+        release(*self._buffers, self._gathered, self._lit, *self._quarters)
         make = self._context
         self._buffers = [make.texture(size, 4, samples=self._samples, dtype="f4") for _ in GBUFFER]
         self._gathered = make.framebuffer(self._buffers, make.depth_renderbuffer(size, samples=self._samples))
         self._lit = make.framebuffer([make.renderbuffer(size, 4, dtype="f4") for _ in range(2)])
+        twice = size[0] * 2, size[1] * 2
+        self._quarters = (
+            make.framebuffer([make.renderbuffer(twice, 1, samples=self._samples)]),
+            make.framebuffer([make.renderbuffer(twice, 1)]),
+        )
         self._size = size
+
+
+def with_coverage(
+    colour: NDArray[np.float32], seen: NDArray[np.float32], coverage: NDArray[np.float32]
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return layers of `DeferredTargets.draw` whose edges have a finer coverage (h, w).
+
+    The colour of an edge is that of its samples, or of its neighbours if it has none.
+    """
+    import cv2
+
+    is_edge = (coverage > 0) & ((coverage < 1) | (colour[..., 3] < 1))
+    both = np.dstack([colour, seen])
+    source = np.where(colour[..., 3:] > 0, both, cv2.blur(both, (3, 3)))[is_edge]
+    both[is_edge] = source * (coverage[is_edge] / np.maximum(source[:, 3], 1e-6))[:, None]
+    return both[..., :4], both[..., 4:]

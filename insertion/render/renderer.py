@@ -219,7 +219,7 @@ class ObjectRenderer:
         offset = self._set_camera(self.body, window, rotation, translation)
         if self._solid:
             self._use_light()
-            colour, seen = self._deferred.draw(self._parts, self._gather, self._light_cover, window)
+            colour, seen = self._deferred.draw(self._parts, self._gather, self._light_cover, self._cast, window)
         else:
             colour, seen = self._forward(window, -rotation.T @ offset)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -278,6 +278,7 @@ class ObjectRenderer:
             if "depth_row" in surface:
                 surface["depth_row"].value = (*(float(v) for v in rotation[2]), float(offset[2]))
             surface["eye"].value = eye
+        self._cast["clip"].write(clip.T.astype("f4").tobytes())
         self._light["eye"].value = eye
         return offset
 

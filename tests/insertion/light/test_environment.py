@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -277,6 +279,30 @@ def test_samples_are_averaged_by_direction() -> None:
     assert (known[row, WIDTH * 3 // 4], known[row, WIDTH // 2]) == (1.0, 0.5)
     assert np.count_nonzero(known) == 2
     assert (sky[row, WIDTH * 3 // 4], sky[row, WIDTH // 2]) == pytest.approx((0.5, 1.0))
+
+
+def test_directions_to_the_support_show_it_in_the_closest_images() -> None:
+    """Red to the left of the object and green to the right; a white occluder is in one of three images."""
+    camera = Camera("PINHOLE", 200, 200, np.array([100.0, 100.0, 100.0, 100.0]))
+    down = np.diag([1.0, -1.0, -1.0])  # from 4 above the support
+    views = [
+        View(f"{k}", camera, down, np.array([0.0, 0.0, 4.0]), np.empty((0, 2)), np.empty(0, int)) for k in range(3)
+    ]
+    colours = np.zeros((3, 200, 200, 3), np.uint8)
+    colours[:, :, :100, 0] = colours[:, :, 100:, 1] = 255
+    colours[1] = 255
+    images: Any = SimpleNamespace(rows=(0, 1, 2), scene=SimpleNamespace(views=views), image=lambda row: colours[row])
+    floor = estimate.DirectionSamples(
+        np.array([[0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]), np.ones((2, 3), np.float32), np.zeros(2, bool)
+    )
+    samples = estimate.with_support(floor, np.array([0.0, 0.0, 0.5]), np.zeros(3), np.eye(3), images)
+    assert (samples.directions[0] == [1.0, 0.0, 0.0]).all()  # the support hides what is below it
+    assert samples.directions[1:, 2].max() < -0.2
+    is_right = samples.directions[1:, 0] > 0.05
+    assert is_right.sum() > 10_000
+    np.testing.assert_allclose(
+        samples.colours[1:][is_right], np.broadcast_to([0, 1, 0], (is_right.sum(), 3)), atol=1e-6
+    )
 
 
 def test_unseen_directions_have_the_colour_of_the_seen_border() -> None:

@@ -50,13 +50,25 @@ def _forward(renderer: ObjectRenderer, rotation: FloatArray, translation: FloatA
 
 def test_deferred_and_direct_shading_are_equal(renderer: ObjectRenderer) -> None:
     gathered, forward = renderer.image(WINDOW, *VIEW), _forward(renderer, *VIEW)
-    assert (gathered.alpha > 0.5).sum() > 500
+    inside = (gathered.alpha > 0.999) & (forward.alpha > 0.999)
+    assert inside.sum() > 500
     # the forward target keeps colours as half floats and lights every triangle of a pixel
-    difference = np.abs(gathered.colour - forward.colour) / forward.colour.max()
-    assert np.quantile(difference, 0.99) < 2e-3
+    difference = np.abs(gathered.colour - forward.colour)[inside] / forward.colour.max()
+    assert np.quantile(difference, 0.95) < 2e-3
     assert difference.max() < 0.2
-    np.testing.assert_allclose(gathered.alpha, forward.alpha, atol=1e-3)
-    np.testing.assert_allclose(gathered.depth, forward.depth, rtol=1e-5)
+    assert np.abs(gathered.alpha - forward.alpha).max() < 0.3  # 16 samples and 4
+    np.testing.assert_allclose(gathered.depth[inside], forward.depth[inside], rtol=1e-5)
+
+
+def test_edges_have_the_coverage_of_16_samples(renderer: ObjectRenderer) -> None:
+    """Against an image of 12 times the resolution; four samples differ by 0.09 (root mean square)."""
+    fine = Window(*(12 * value for value in (150.0, 150.0, 60.0, 50.0)), 0, 0, 12 * 121, 12 * 97)
+    true = renderer.image(fine, *VIEW).alpha.reshape(97, 12, 121, 12).mean(axis=(1, 3))
+    image = renderer.image(WINDOW, *VIEW)
+    is_edge = (true > 0.02) & (true < 0.98)
+    assert np.sqrt(((image.alpha - true)[is_edge] ** 2).mean()) < 0.06
+    is_dark = is_edge & ~(image.colour.max(axis=-1) > 0) & (image.alpha > 0)
+    assert not is_dark.any()  # no black specks
 
 
 def test_overlapping_triangles_remove_a_light_once(renderer: ObjectRenderer) -> None:
@@ -83,21 +95,19 @@ def _dome(cells: int) -> Mesh:
     return Mesh(np.column_stack([x, y, 0.1 - 0.2 * (x**2 + y**2)]), faces, ("wood",) * len(faces))
 
 
-def test_small_triangles_are_lit_on_the_side_that_is_seen(tmp_path: Path) -> None:
+def test_small_triangles_are_lit_on_the_side_that_is_seen(renderer: ObjectRenderer, tmp_path: Path) -> None:
     """A pixel that a triangle covers in part has its position within the triangle, whatever its orientation."""
     above = np.ones((HEIGHT, WIDTH, 3), np.float32)
     above[HEIGHT // 2 :] = 0.0
-    context = gl_context()
     body = body_of(
         read_model(write_glb(_dome(40), tmp_path / "d.glb")), np.zeros(3), AXES, np.array([0.6, 0.0, -0.8]), 1.0
     )
-    dome = ObjectRenderer(context, body, Environment(above, AXES, above[..., 0]))
+    dome = ObjectRenderer(renderer._context, body, Environment(above, AXES, above[..., 0]))
     view = np.eye(3), np.array([0.0, 0.4, 1.2])
     for image in (dome.image(WINDOW, *view), _forward(dome, *view)):
         bright = image.colour.mean(axis=-1)[image.alpha > 0.3] / image.alpha[image.alpha > 0.3]
         assert len(bright) > 1000
         assert np.mean(bright < 0.6 * np.median(bright)) < 0.002
-    context.release()
 
 
 def test_tiles_leave_no_seam(renderer: ObjectRenderer, monkeypatch: pytest.MonkeyPatch) -> None:

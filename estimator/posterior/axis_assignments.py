@@ -68,12 +68,12 @@ class Variants:
     active: BoolArray
     #: (v, 3) mean of ln(true / measured) due to truncation.
     shift: FloatArray
-    #: (v, 3) variance of ln(true / measured) due to truncation or a gross error.
+    #: (v, 3) variance of ln(true / measured) due to truncation.
     variance: FloatArray
     #: (v,) including ln(LOG_BOX) for each active axis, so that variants with different dimensions are comparable.
     log_weight: FloatArray
-    #: (v,) one dimension has a gross error.
-    gross: BoolArray
+    #: (v, 3) log probability of a gross error of each dimension, relative to none; -inf if impossible.
+    log_gross: FloatArray
 
     def with_vertical(self, vertical: int) -> Variants:
         """Return the conditional distribution of the variants with this vertical extent; all if none has it."""
@@ -90,7 +90,7 @@ class Variants:
 
 @lru_cache(maxsize=1024)
 def variants(layout: Layout) -> Variants:
-    """Return the assignments of a layout, each with all combinations of errors of its sides.
+    """Return the assignments of a layout, each with all combinations of errors of its truncated sides.
 
     `log_weight` is ln(weight) + a ln(LOG_BOX) for a active axes, which is relative to the flat density of an outlier:
     the outlier has the weight 1 for any number of measurements.
@@ -118,46 +118,34 @@ def variants(layout: Layout) -> Variants:
         weight = FREE_ORDER_WEIGHT[sum(layout.missing)]
         orders = [(order, weight) for order in permutations(range(3)) if weight > 0]
     rows = [
-        (order, active, errors, math.log(weight), gross)
+        (order, active, errors, math.log(weight))
         for order, weight in orders
-        for active in [tuple(layout.modelled[axis] and not layout.missing[order[axis]] for axis in range(3))]
-        for errors, gross in _errors(active, tuple(layout.truncated[order[axis]] for axis in range(3)))
+        for active in [[layout.modelled[axis] and not layout.missing[order[axis]] for axis in range(3)]]
+        for errors in product(
+            *(
+                TRUNCATION_MIXTURE if active[axis] and layout.truncated[order[axis]] else ((1.0, 0.0, 0.0),)
+                for axis in range(3)
+            )
+        )
         if any(active)
     ]
     shape = (len(rows), 3)
-    errors = np.array([errors for _, _, errors, _, _ in rows]).reshape(*shape, 3)  # weight, mean, sd by axis
-    active_axes = np.array([active for _, active, *_ in rows], dtype=bool).reshape(shape)
-    log_order = np.array([log_weight for *_, log_weight, _ in rows])
+    errors = np.array([errors for _, _, errors, _ in rows]).reshape(*shape, 3)  # weight, mean, sd by axis
+    active = np.array([active for _, active, *_ in rows], dtype=bool).reshape(shape)
+    # A gross error is possible if there is another dimension; a truncated side already has a wide component.
+    may_be_gross = active & (errors[:, :, 2] == 0) & (active.sum(axis=1, keepdims=True) > 1)
+    right = 1 - GROSS_ERROR_PROBABILITY * may_be_gross.sum(axis=1)
+    with np.errstate(divide="ignore"):
+        log_gross = np.log(GROSS_ERROR_PROBABILITY * may_be_gross / right[:, None])
+    log_order = np.array([log_weight for *_, log_weight in rows])
     return Variants(
         measured=np.array([order for order, *_ in rows], dtype=np.int64).reshape(shape),
-        active=active_axes,
+        active=active,
         shift=errors[:, :, 1],
         variance=errors[:, :, 2] ** 2,
-        log_weight=log_order + np.log(errors[:, :, 0]).sum(axis=1) + math.log(LOG_BOX) * active_axes.sum(axis=1),
-        gross=np.array([gross for *_, gross in rows], dtype=bool),
+        log_weight=log_order + np.log(errors[:, :, 0].prod(axis=1) * right) + math.log(LOG_BOX) * active.sum(axis=1),
+        log_gross=log_gross,
     )
-
-
-def _errors(
-    active: tuple[bool, ...], cut: tuple[bool, ...]
-) -> list[tuple[tuple[tuple[float, float, float], ...], bool]]:
-    """Return all combinations of (weight, mean, standard deviation) of the axes, and whether one is a gross error.
-
-    A gross error is possible if there is another dimension; a truncated side already has a wide component.
-    """
-    is_shifted = [on and is_cut for on, is_cut in zip(active, cut, strict=True)]
-    combinations = list(product(*(TRUNCATION_MIXTURE if shifted else ((1.0, 0.0, 0.0),) for shifted in is_shifted)))
-    candidates = [axis for axis in range(3) if active[axis] and not is_shifted[axis]]
-    if not candidates or sum(active) < 2 or GROSS_ERROR_PROBABILITY == 0:
-        return [(errors, False) for errors in combinations]
-    result = []
-    for errors in combinations:
-        for wrong in (None, *candidates):
-            weight = 1 - len(candidates) * GROSS_ERROR_PROBABILITY if wrong is None else GROSS_ERROR_PROBABILITY
-            axis = candidates[0] if wrong is None else wrong
-            changed = (weight, 0.0, 0.0 if wrong is None else GROSS_ERROR_SD_LOG)
-            result.append(((*errors[:axis], changed, *errors[axis + 1 :]), wrong is not None))
-    return result
 
 
 def is_sorted(prior: Prior) -> bool:

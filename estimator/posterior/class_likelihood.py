@@ -4,22 +4,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import lru_cache
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.posterior.class_hypotheses import VERTICAL_EXTENTS, Hypothesis
 from estimator.posterior.shared_error import (
-    MIN_EXPONENT,
+    CONSTANT,
+    LINEAR,
+    LOG_NODE,
+    NODES,
     NodeLines,
     ObjectComponents,
     convolution,
     exponentials,
+    monomials,
     node_lines,
+    on_interval,
+    quadratic_coefficients,
 )
-from estimator.posterior.symmetric_matrices import dot, product
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 
 #: Maximum effective number of objects of a class. A prior is an approximation, and the evidence of n objects increases
@@ -60,11 +64,10 @@ class SingleObjectClasses:
 
 def single_object_classes(components: ObjectComponents, u: FloatArray) -> SingleObjectClasses:
     """Compute the likelihoods of single-object classes at log scales u (g,); components include the class error."""
-    density = line_density(components, u) + np.exp(components.log_floor)[:, None]  # (n, g)
-    columns = components.columns.copy()
-    columns[15, components.is_mislabelled] = MIN_EXPONENT
-    right = line_density(replace(components, columns=columns), u)
-    return SingleObjectClasses(np.log(density), np.asarray(1 - right / density, dtype=float))
+    values = _line_values(components, u)
+    density = _object_sums(values, components) + np.exp(components.log_floor)[:, None]  # (n, g)
+    values[components.is_mislabelled] = 0
+    return SingleObjectClasses(np.log(density), np.asarray(1 - _object_sums(values, components) / density, dtype=float))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,6 +91,18 @@ class ClassHypotheses:
     def power(self) -> FloatArray:
         """(w,) exponent of the product over the objects, which limits the evidence of many objects."""
         return np.minimum(1.0, EFFECTIVE_OBJECTS / self.count)
+
+    @property
+    def exponent(self) -> NDArray[np.float32]:
+        """(w, e) exponent of each entry in the product of each hypothesis."""
+        exponent = np.zeros((len(self.count), len(self.entry)), dtype=np.float32)
+        exponent[self.entry, np.arange(len(self.entry))] = self.power[self.entry]
+        return exponent
+
+    @property
+    def first(self) -> IntArray:
+        """(c,) first hypothesis of each class."""
+        return np.searchsorted(self.group, np.arange(self.group[-1] + 1))
 
     @property
     def along_sd(self) -> FloatArray:
@@ -138,7 +153,7 @@ class MultiObjectClasses:
         others = np.where(mass > 1e-12 * mass.max(), mass / np.exp(relative), 0.0)  # (c, g)
         others /= others.max(axis=1, keepdims=True)
         at_nodes = (others.astype(np.float32)[group][:, None, :] @ self.kernel)[:, 0]  # (w, h)
-        first = np.flatnonzero(np.diff(group, prepend=-1))
+        first = self.hypotheses.first
         top = np.maximum.reduceat(self.log_node.max(axis=(1, 2)), first)[group]
         joint = np.exp(self.log_node - top[:, None, None]) * at_nodes[:, None, :]
         total = np.add.reduceat(joint.sum(axis=(1, 2)), first)[group]
@@ -169,124 +184,136 @@ def multi_object_classes(
     evaluated on the common grid, determines the range of the product of each hypothesis, and which hypotheses matter.
     All nodes are then evaluated in this range.
     """
-    across = np.array([hypothesis.error.across for hypothesis in hypotheses.hypotheses])
-    nodes = node_lines(components, hypotheses.entry, across, hypotheses.power)
+    across = np.array([hypothesis.error.across for hypothesis in hypotheses.hypotheses]).transpose(1, 2, 0)
+    exponent = hypotheses.exponent
+    nodes = node_lines(components, hypotheses.entry, across, exponent)
+    # Coefficients (10, m) of the log of each component on the nodes of its hypothesis.
+    vectors = nodes.vectors.take(hypotheses.entry[components.object], axis=2)  # (3, 4, m)
+    rows = quadratic_coefficients(vectors, np.einsum("abm,bkm->akm", components.precision, vectors))
+    rows[LINEAR] += np.einsum("am,akm->km", components.pull, vectors)
+    rows[CONSTANT] += components.log_constant
     search = np.linspace(u[0], u[-1], max(len(u) // SEARCH_STRIDE, MIN_CLASS_POINTS))
-    common = np.broadcast_to(search, (len(hypotheses.hypotheses), len(search)))
-    log_central = _log_products(components, nodes.central(), hypotheses, common)[0][:, 0]  # (w, f)
+    everywhere = np.repeat([[0.5 * (u[0] + u[-1])], [0.5 * (u[-1] - u[0])]], len(hypotheses.hypotheses), axis=1)
+    log_central = _log_products(rows, nodes, components, exponent, everywhere, (1, len(search)))[0][:, 0]  # (w, f)
 
-    # Centre and half width (w,) of the range in which each product matters, with a margin of a step.
-    matters = log_central > log_central.max(axis=1, keepdims=True) - MAX_DEPTH_UNDER_PEAK_LOG
-    low = search[np.maximum(matters.argmax(axis=1) - 1, 0)]
-    high = search[np.minimum(len(search) - matters[:, ::-1].argmax(axis=1), len(search) - 1)]
-    centre, half = 0.5 * (low + high), 0.5 * (high - low)
-
-    # Height (w,) of the parabola through the maximum of each product and its two neighbours. The product of a hundred
-    # objects is narrow: between grid points, it increases by more than hypotheses differ.
-    at = np.clip(log_central.argmax(axis=1), 1, log_central.shape[1] - 2)
-    row = np.arange(len(at))
-    before, peak, after = (log_central[row, at + step] for step in (-1, 0, 1))
-    bend = np.minimum(before - 2 * peak + after, -1e-9)
-    peak_height = np.maximum(log_central.max(axis=1), peak - (after - before) ** 2 / (8 * bend))
-
+    centre, half, peak_height = _ranges(log_central, search)  # (w,)
     # Only hypotheses matter whose evidence is close to the best one with the same vertical extent. The shared error
     # widens a narrow product, which lowers its peak by about the ratio of the widths.
-    widened = np.log(np.minimum(1.0, half / (3 * hypotheses.along_sd)))
-    evidence = peak_height + hypotheses.log_weight + widened
-    orientation = hypotheses.group * (len(VERTICAL_EXTENTS) + 1) + hypotheses.vertical_extent + 1
+    along_sd, extent, log_weight = hypotheses.along_sd, hypotheses.vertical_extent, hypotheses.log_weight
+    evidence = peak_height + log_weight + np.log(np.minimum(1.0, half / (3 * along_sd)))
+    orientation = hypotheses.group * (len(VERTICAL_EXTENTS) + 1) + extent + 1
     best = np.full(int(orientation.max()) + 1, -np.inf)
     np.maximum.at(best, orientation, evidence)
     keep = np.asarray(evidence > best[orientation] - MAX_EVIDENCE_LOSS_LOG)
     if not keep.all():
+        rows = rows.take(np.flatnonzero(keep[hypotheses.entry[components.object]]), axis=1)
         components = components.of(np.flatnonzero(keep[hypotheses.entry]))
         hypotheses, nodes, centre, half = hypotheses.of(keep), nodes.of(keep), centre[keep], half[keep]
-    along_sd = hypotheses.along_sd
+        along_sd, extent, log_weight = along_sd[keep], extent[keep], log_weight[keep]
+        exponent = hypotheses.exponent
     needed = math.ceil(float((2 * half / (MAX_KERNEL_STEP_SIGMAS * along_sd)).max()))
     n_points = min(max(MIN_CLASS_POINTS, needed), MAX_CLASS_POINTS)
-    class_grids = centre[:, None] + half[:, None] * _unit_powers(n_points)[1]  # (w, h)
+    class_grids = centre[:, None] + half[:, None] * np.linspace(-1, 1, n_points)  # (w, h)
+    step = class_grids[:, 1] - class_grids[:, 0]
     # Kernels that are narrower than the largest grids resolve (the tolerance of a norm) are widened to them: without
     # this, the likelihood has a ripple with the step of the grid, and the posterior a mode on each crest.
-    along_sd = np.maximum(along_sd, (class_grids[:, 1] - class_grids[:, 0]) / MAX_KERNEL_STEP_SIGMAS)
-    log_node, outlier = _log_products(components, nodes, hypotheses, class_grids)
-    log_node += hypotheses.log_weight[:, None, None]
+    along_sd = np.maximum(along_sd, step / MAX_KERNEL_STEP_SIGMAS)
+    interval = np.array([centre, half])
+    log_node, outlier = _log_products(rows, nodes, components, exponent, interval, (len(NODES), n_points))
+    log_node += log_weight[:, None, None]
     top = log_node.max(axis=(1, 2))[:, None]  # (w, 1)
     value = np.exp(log_node - top[:, None]).sum(axis=1)  # (w, h)
     smooth, kernel = convolution(value, class_grids, u, along_sd)
     log_likelihood = np.log(np.maximum(smooth, 1e-300)) + top  # (w, g)
     # The height of the likelihood of a vertical extent is the evidence of n objects for it. The priors do not describe
     # the variation of sizes in a place well enough for the power n, so it is limited to the evidence of a few objects.
-    extent = hypotheses.vertical_extent
     group = hypotheses.group * len(VERTICAL_EXTENTS) + np.maximum(extent, 0)
     height = np.full(int(group.max()) + 1, -np.inf)
     np.maximum.at(height, group, log_likelihood.max(axis=1))
     fraction = np.minimum(1.0, MAX_ORIENTATION_OBJECTS / np.minimum(hypotheses.count, EFFECTIVE_OBJECTS))
     correction = np.asarray(np.where(extent >= 0, -(1 - fraction) * height[group], 0.0))
     # The weight of a node in the convolution: its mass, its step, and the height of its kernel.
-    log_node += (correction + np.log((class_grids[:, 1] - class_grids[:, 0]) / along_sd))[:, None, None]
+    log_node += (correction + np.log(step / along_sd))[:, None, None]
     # Log of the sum over the hypotheses of each class.
     log_values = log_likelihood + correction[:, None]
-    first = np.flatnonzero(np.diff(hypotheses.group, prepend=-1))
-    highest = np.maximum.reduceat(log_values, first, axis=0)
-    sums = np.add.reduceat(np.exp(log_values - highest[hypotheses.group]), first, axis=0)
-    by_class = np.asarray(np.log(sums) + highest)
-    return MultiObjectClasses(by_class, hypotheses, log_node, kernel, outlier)
+    highest = np.maximum.reduceat(log_values, hypotheses.first, axis=0)
+    sums = np.add.reduceat(np.exp(log_values - highest[hypotheses.group]), hypotheses.first, axis=0)
+    return MultiObjectClasses(np.asarray(np.log(sums) + highest), hypotheses, log_node, kernel, outlier)
+
+
+def _ranges(log_product: FloatArray, u: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the range in which each product (w, f) at u (f,) matters, with a margin of a step, and its height.
+
+    The result is the centre and half width of the range and the height of the parabola through the maximum and its two
+    neighbours, (w,) each. The product of a hundred objects is narrow: between grid points, it increases by more than
+    hypotheses differ.
+    """
+    matters = log_product > log_product.max(axis=1, keepdims=True) - MAX_DEPTH_UNDER_PEAK_LOG
+    low = u[np.maximum(matters.argmax(axis=1) - 1, 0)]
+    high = u[np.minimum(len(u) - matters[:, ::-1].argmax(axis=1), len(u) - 1)]
+    row, at = np.arange(len(low)), np.clip(log_product.argmax(axis=1), 1, len(u) - 2)
+    before, peak, after = (log_product[row, at + step] for step in (-1, 0, 1))
+    bend = np.minimum(before - 2 * peak + after, -1e-9)
+    height = np.maximum(log_product.max(axis=1), peak - (after - before) ** 2 / (8 * bend))
+    return 0.5 * (low + high), 0.5 * (high - low), height
 
 
 def _log_products(
-    components: ObjectComponents, nodes: NodeLines, hypotheses: ClassHypotheses, grids: FloatArray
+    rows: FloatArray,
+    nodes: NodeLines,
+    components: ObjectComponents,
+    exponent: NDArray[np.float32],
+    interval: FloatArray,
+    shape: tuple[int, int],
 ) -> tuple[FloatArray, NDArray[np.float32]]:
     """Return log weight times product of each hypothesis at its nodes (w, j, h), and outlier probabilities (e, j, h).
 
-    The uniform grids (w, h) are mapped to t in [-1, 1], so that all hypotheses share the powers of t.
+    Parameters
+    ----------
+    rows : (10, m) ndarray of float
+        Coefficients of `MONOMIALS` in the log of each component.
+    nodes : NodeLines
+    components : ObjectComponents
+    exponent : (w, e) ndarray of float32
+        Exponent of each entry in the product of each hypothesis.
+    interval : (2, w) ndarray of float
+        Middle and half width of the uniform grid over u' of each hypothesis.
+    shape : (j, h)
+        Numbers of nodes and of grid points.
+
+    Notes
+    -----
+    Single precision takes a third of the time. The error of an exponent of 1,000 is 1e-4, 10 % of the nodes' error.
     """
-    nodes = nodes.along(0.5 * (grids[:, 0] + grids[:, -1]), 0.5 * (grids[:, -1] - grids[:, 0]))
-    powers = _unit_powers(grids.shape[1])
-    floor = np.exp(components.log_floor).astype(np.float32)[:, None, None]
-
-    # Coefficients (m, j, 3) of t^2, t, 1 in the log of each component along the line of each node.
-    hypothesis = hypotheses.entry[components.object]  # (m,)
-    direction = nodes.direction.take(hypothesis, axis=1)  # (3, m)
-    offset = nodes.offset.take(hypothesis, axis=2) + components.residual[:, None]  # (3, j, m)
-    weighted = product(components.precision, offset)
-    coefficients = np.empty((len(hypothesis), offset.shape[1], 3), dtype=np.float32)
-    coefficients[:, :, 0] = -0.5 * dot(direction, product(components.precision, direction))[:, None]
-    coefficients[:, :, 1] = dot(direction, weighted).T
-    coefficients[:, :, 2] = (components.log_weight - 0.5 * dot(offset, weighted)).T
-
-    density = _sum_exponentials(coefficients, powers, components) + floor
-    n, j, h = density.shape
-    indicator = ((hypotheses.entry == np.arange(len(grids))[:, None]) * hypotheses.power[:, None]).astype(np.float32)
-    log_product = (indicator @ np.log(density).reshape(n, j * h)).reshape(-1, j, h)
-    return log_product + nodes.log_weight.T @ powers, floor / density
+    basis = monomials(*shape)
+    coefficients = on_interval(rows, *interval.take(exponent.argmax(axis=0)[components.object], axis=1))
+    values = exponentials(coefficients.astype(np.float32).T @ basis.astype(np.float32))  # (m, j h)
+    floor = np.exp(components.log_floor).astype(np.float32)[:, None]
+    density = _object_sums(values, components) + floor
+    log_product = exponent @ np.log(density)
+    log_product = log_product + on_interval(nodes.log_weight, *interval).T @ basis
+    return log_product.reshape(-1, *shape) + LOG_NODE[: shape[0], None], (floor / density).reshape(-1, *shape)
 
 
 def line_density(components: ObjectComponents, u: FloatArray) -> NDArray[np.float32]:
     """Return the mixture (n, g) of each object on the line v = u 1, without the outlier density."""
+    return _object_sums(_line_values(components, u), components)
+
+
+def _line_values(components: ObjectComponents, u: FloatArray) -> NDArray[np.float32]:
+    """Return the components (m, g) on the line v = u 1."""
     lam, middle = components.line_precision, 0.5 * (u[0] + u[-1])
     centre = components.line_centre - middle
     coefficients = np.array([-0.5 * lam, lam * centre, components.line_log_peak - 0.5 * lam * centre**2], np.float32)
-    return _sum_exponentials(coefficients.T[:, None], np.vander(u - middle, 3).T, components)[:, 0]
+    return exponentials(coefficients.T @ np.vander(u - middle, 3).T.astype(np.float32))
 
 
-@lru_cache(maxsize=64)
-def _unit_powers(points: int) -> FloatArray:
-    """Return t^2, t and 1 (3, n) for n = `points` values of t from -1 to 1."""
-    return np.vander(np.linspace(-1, 1, points), 3).T
-
-
-def _sum_exponentials(
-    coefficients: NDArray[np.float32], powers: FloatArray, components: ObjectComponents
-) -> NDArray[np.float32]:
-    """Return the sums (n, j, g) of exponentials of quadratics (m, j, 3) over the rows of each object.
-
-    Single precision takes a third of the time. The error of an exponent of 1,000 is 1e-4, 10 % of the nodes' error.
-    """
-    (m, j, _), g = coefficients.shape, powers.shape[1]
-    values = exponentials(coefficients.reshape(m * j, 3) @ powers.astype(np.float32)).reshape(m, j * g)
-    if j * g < MAX_REDUCEAT_COLUMNS:
-        return np.add.reduceat(values, components.start, axis=0).reshape(-1, j, g)
+def _object_sums(values: NDArray[np.float32], components: ObjectComponents) -> NDArray[np.float32]:
+    """Return the sums (n, g) of the rows (m, g) of each object."""
+    if values.shape[1] < MAX_REDUCEAT_COLUMNS:
+        return np.add.reduceat(values, components.start, axis=0)
     first = components.start.tolist()
-    total = np.empty((len(first), j * g), dtype=np.float32)
-    for index, (begin, end) in enumerate(zip(first, [*first[1:], m], strict=True)):
+    total = np.empty((len(first), values.shape[1]), dtype=np.float32)
+    for index, (begin, end) in enumerate(zip(first, [*first[1:], len(values)], strict=True)):
         np.add.reduce(values[begin:end], axis=0, out=total[index])
-    return total.reshape(-1, j, g)
+    return total

@@ -16,10 +16,19 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import permutations
 
 import numpy as np
 
-from estimator.posterior.axis_assignments import TRUNCATION_MIXTURE, Layout, Variants, is_sorted, prior_axes, variants
+from estimator.posterior.axis_assignments import (
+    GROSS_ERROR_SD_LOG,
+    TRUNCATION_MIXTURE,
+    Layout,
+    Variants,
+    is_sorted,
+    prior_axes,
+    variants,
+)
 from estimator.posterior.class_hypotheses import (
     MAX_KINDS,
     Hypothesis,
@@ -28,8 +37,7 @@ from estimator.posterior.class_hypotheses import (
     mislabel_probability,
     mislabelled_error,
 )
-from estimator.posterior.shared_error import ObjectComponents, split_error
-from estimator.posterior.symmetric_matrices import DIAGONAL, OFF_DIAGONAL, dot, inverse, pack, product, row_sums, total
+from estimator.posterior.shared_error import N_ROW_ARRAYS, ObjectComponents, split_error
 from estimator.records.objects import MeasuredObject
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 from metric_tree.axes import AXES, EXTENTS
@@ -45,8 +53,17 @@ MIN_SCORE = 0.01
 MIN_PEAK_RATIO = 1e-4
 #: The same for components with a gross error, which matter only if the others fit badly.
 MIN_GROSS_PEAK_RATIO = 0.1
+#: Logarithms of these ratios for a component without a gross error and with one on each axis, and the axis of each.
+LOG_MIN_RATIOS: FloatArray = np.log([MIN_PEAK_RATIO, *[MIN_GROSS_PEAK_RATIO] * 3])
+VARIANT_AXES = [0, 0, 1, 2]
 #: Maximum difference of horizontal sides whose order is uncertain, in standard deviations of the difference.
 MAX_ORDER_SIGMAS = 3.0
+#: Orders (6, 3) of three extents; the index of an order (i, j, k) is 2 i + (j > k).
+ORDERS: IntArray = np.array(list(permutations(range(3))))
+#: Rows and columns of the six elements of a packed symmetric matrix.
+ROWS, COLUMNS = (0, 0, 0, 1, 1, 2), (0, 1, 2, 1, 2, 2)
+#: Variance of an inactive axis in log size, whose precision is negligible.
+INACTIVE_VARIANCE = 1e12
 LOG_MM_PER_M = math.log(1000.0)
 #: Number of objects whose components are computed at once; those of an object with an unknown vertical take 70 kB.
 BLOCK_OBJECTS = 1024
@@ -61,6 +78,8 @@ class ObjectEvidence:
     prior: Prior
     #: Usual pose of the category.
     pose: str
+    #: Factor (0 to 1) of the score of the object.
+    score_factor: float = 1.0
 
 
 def usable(evidence: Sequence[ObjectEvidence]) -> BoolArray:
@@ -82,10 +101,8 @@ class MeasuredArrays:
     evidence: Sequence[ObjectEvidence]
     #: (n, 3) log extents, 0 if missing.
     y: FloatArray
-    #: (n, 3) standard deviations of `y`, 0 if missing.
-    sigma: FloatArray
-    #: (n, 3, 3) covariance of `y` off its diagonal.
-    covariance: FloatArray
+    #: (9, 6 n) -y and the packed covariance of y, 0 if missing, in the six orders of the extents of each object.
+    in_orders: FloatArray
     #: n bit fields: three for missing, three for truncated, one for similar sides, one for an unknown vertical.
     code: Sequence[int]
     #: (n,) prior probability to be an outlier.
@@ -100,35 +117,33 @@ def measurement_arrays(evidence: Sequence[ObjectEvidence], has_others: bool | No
 
     `has_others` states whether the scene has other classes; by default, whether these objects have several.
     """
-    extents = np.array([item.object.extents for item in evidence])  # (n, 3)
+    y = np.log([item.object.extents for item in evidence])  # (n, 3)
     sigma = np.array([item.object.sigma for item in evidence])  # (n, 3)
     truncated = np.array([item.object.truncated for item in evidence], dtype=bool)  # (n, 3)
-    y = np.log(extents)
+    unknown = np.zeros((3, 3))
+    covariance = np.array(
+        [unknown if item.object.covariance is None else item.object.covariance for item in evidence]
+    )  # (n, 3, 3)
     is_close = y[:, 0] - y[:, 1] < MAX_ORDER_SIGMAS * np.hypot(sigma[:, 0], sigma[:, 1])  # (n,)
-    covariance = np.zeros((len(evidence), 3, 3))
-    for i, item in enumerate(evidence):
-        if item.object.covariance is not None:
-            covariance[i] = item.object.covariance
     missing = np.isnan(y)
-    is_free = np.array([not item.object.vertical_known for item in evidence])  # (n,)
-    for i, item in enumerate(evidence):
-        if is_sorted(item.prior):
-            order = np.argsort(-np.where(missing[i], -np.inf, y[i]), kind="stable")
-            y[i], sigma[i], truncated[i], missing[i] = (
-                y[i, order], sigma[i, order], truncated[i, order], missing[i, order],
-            )  # fmt: skip
-            covariance[i] = covariance[i][np.ix_(order, order)]
+    is_free = [not item.object.vertical_known for item in evidence]
+    covariance[:, range(3), range(3)] = sigma**2
+    y, covariance = np.where(missing, 0.0, y), np.nan_to_num(covariance)
+    for i in np.flatnonzero([is_sorted(item.prior) for item in evidence]):
+        order = np.argsort(-np.where(missing[i], -np.inf, y[i]), kind="stable")
+        y[i], truncated[i], missing[i] = y[i, order], truncated[i, order], missing[i, order]
+        covariance[i] = covariance[i][np.ix_(order, order)]
     flags = np.column_stack([missing, truncated, is_close, is_free])
     codes = np.packbits(flags, axis=1, bitorder="little")[:, 0].tolist()
-    score = np.clip([item.object.score for item in evidence], MIN_SCORE, 1.0)  # (n,)
+    score = np.clip([item.object.score * item.score_factor for item in evidence], MIN_SCORE, 1.0)  # (n,)
     if has_others is None:
         has_others = len({item.prior.node_id for item in evidence}) > 1
     mislabelled = has_others * np.array([mislabel_probability(item.prior) for item in evidence])
+    in_orders = np.concatenate([-y[:, ORDERS], covariance[:, ORDERS[:, ROWS], ORDERS[:, COLUMNS]]], axis=2)  # (n, 6, 9)
     return MeasuredArrays(
         evidence=evidence,
-        y=np.nan_to_num(y),
-        sigma=np.nan_to_num(sigma),
-        covariance=np.nan_to_num(covariance),
+        y=y,
+        in_orders=np.ascontiguousarray(in_orders.reshape(-1, 9).T),
         code=codes,
         outlier=1 - (1 - OUTLIER_PROBABILITY) * score,
         mislabelled=mislabelled,
@@ -141,13 +156,13 @@ def rows(objects: MeasuredArrays) -> ObjectComponents:
         layout_table(item.prior, item.pose, code, -1, True)
         for item, code in zip(objects.evidence, objects.code, strict=True)
     ]
-    counts = [table.measured.shape[1] for table in tables]
+    counts = [table.shape[1] for table in tables]
     parts = []
     for first in range(0, max(len(tables), 1), BLOCK_OBJECTS):
         block = slice(first, min(first + BLOCK_OBJECTS, len(tables)))
         parts.append(_components(tables[block], counts[block], np.arange(block.start, block.stop), objects))
     return ObjectComponents.of_objects(
-        np.concatenate([part.columns for part in parts], axis=1),
+        [np.concatenate(arrays, axis=-1) for arrays in zip(*(part[:N_ROW_ARRAYS] for part in parts), strict=True)],
         np.concatenate([part.object + BLOCK_OBJECTS * index for index, part in enumerate(parts)]),
         np.concatenate([part.log_floor for part in parts]),
     )
@@ -180,22 +195,11 @@ def has_open_vertical(item: ObjectEvidence) -> bool:
     return not item.object.vertical_known and not is_sorted(item.prior)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class LayoutTable:
-    """The part of the r components of an object that does not depend on its sizes: the prior under all variants."""
-
-    #: (15, r): mean ln m minus the shift of a truncation (3); packed covariance, 1 on inactive axes (6); activity of
-    #: each axis, 0 or 1 (3); log weight; log of the minimum ratio to the highest peak; 1 for mislabelled objects.
-    columns: FloatArray
-    #: (3, r) measured extent of each axis.
-    measured: IntArray
-
-
 @lru_cache(maxsize=16384)
 def layout_table(
     prior: Prior, pose: str, code: int, vertical_extent: int, is_single: bool, is_mislabelled: bool = False
-) -> LayoutTable:
-    """Return the table of a layout.
+) -> FloatArray:
+    """Return the part of the r components of an object that does not depend on its sizes: the prior in all variants.
 
     Parameters
     ----------
@@ -209,6 +213,13 @@ def layout_table(
         Include the error of the class in the covariance.
     is_mislabelled : bool, default False
         The label means another object, about which a truncated side has no information.
+
+    Returns
+    -------
+    (15, r) ndarray of float
+        Mean ln m minus the shift of a truncation (3); packed covariance, `INACTIVE_VARIANCE` on inactive axes (6); log
+        weight; log weight of a gross error of each axis relative to it (3); index of the order of the extents in
+        `ORDERS`; 1 for mislabelled objects.
     """
     flags = [bool(code >> bit & 1) for bit in range(8)]
     by_extent = is_sorted(prior)
@@ -228,9 +239,10 @@ def layout_table(
     if is_mislabelled:
         assignments = _with_wide_errors(assignments)
     if not is_single:
-        return LayoutTable(_columns(prior, assignments, None), np.tile(assignments.measured, (len(prior.weights), 1)).T)
+        return _columns(prior, assignments, None)
     biased = bias_probability(prior)
-    plain = assignments.of(~assignments.gross)  # gross errors have no effect on wide components
+    # Gross errors have no effect on wide components.
+    plain = replace(assignments, log_gross=np.full_like(assignments.log_gross, -np.inf))
     parts = [(prior, assignments, prior.disagreement(), 1 - biased, False)]
     if biased:
         parts.append((_merged(prior, MAX_KINDS), plain, biased_error(prior), biased, False))
@@ -238,9 +250,9 @@ def layout_table(
     tables = []
     for components, cases, error, probability, is_wrong in parts:
         columns = _columns(components, cases, split_error(error, prior_axes(prior)).covariance, is_wrong)
-        columns[12] += math.log(probability)
-        tables.append(LayoutTable(columns, np.tile(cases.measured, (len(components.weights), 1)).T))
-    return _concatenated(tables)
+        columns[9] += math.log(probability)
+        tables.append(columns)
+    return np.concatenate(tables, axis=1)
 
 
 def _with_wide_errors(assignments: Variants) -> Variants:
@@ -256,17 +268,11 @@ def _merged(prior: Prior, components: int) -> Prior:
     return replace(prior, weights=weights, means=mixture.means, covariances=mixture.covariances, contexts=())
 
 
-def _concatenated(tables: Sequence[LayoutTable]) -> LayoutTable:
-    """Return the tables of an object as one."""
-    columns = np.concatenate([table.columns for table in tables], axis=1)
-    return LayoutTable(columns, np.concatenate([table.measured for table in tables], axis=1))
-
-
 @lru_cache(maxsize=4096)
-def _joined_table(of_object: tuple[Hypothesis, ...], pose: str, code: int) -> tuple[LayoutTable, list[int]]:
+def _joined_table(of_object: tuple[Hypothesis, ...], pose: str, code: int) -> tuple[FloatArray, list[int]]:
     """Return the tables of an object under several hypotheses as one, and the number of components of each."""
     tables = [layout_table(row.prior, pose, code, row.vertical_extent, False, row.is_mislabelled) for row in of_object]
-    return _concatenated(tables), [table.measured.shape[1] for table in tables]
+    return np.concatenate(tables, axis=1), [table.shape[1] for table in tables]
 
 
 def _columns(
@@ -281,33 +287,33 @@ def _columns(
     covariance[:, axes[:, None], axes] = prior.covariances
     active = assignments.active.astype(float)  # (v, 3)
     both = active[:, :, None] * active[:, None, :]  # (v, 3, 3)
-    diagonal = assignments.variance * active + (1 - active)  # (v, 3)
+    diagonal = np.where(assignments.active, assignments.variance, INACTIVE_VARIANCE)  # (v, 3)
     total = covariance[:, None] * both + diagonal[None, :, :, None] * np.eye(3)  # (k, v, 3, 3)
     if shared is not None:
         total += shared * both
     shifted = (mean[:, None, :] - assignments.shift) * active  # (k, v, 3)
-    log_weight = np.log(np.maximum(prior.weights, 1e-300))[:, None] + assignments.log_weight  # (k, v)
-    log_weight = log_weight - 0.5 * math.log(2 * math.pi) * active.sum(axis=1)
-    log_min_ratio = np.log(np.where(assignments.gross, MIN_GROSS_PEAK_RATIO, MIN_PEAK_RATIO))  # (v,)
+    n_active = active.sum(axis=1)
+    log_norm = 0.5 * ((3 - n_active) * math.log(INACTIVE_VARIANCE) - n_active * math.log(2 * math.pi))
+    log_weight = np.log(np.maximum(prior.weights, 1e-300))[:, None] + assignments.log_weight + log_norm  # (k, v)
+    first, second, third = assignments.measured.T
     columns = [
         shifted.reshape(k * v, 3).T,
-        pack(total.reshape(k * v, 3, 3)),
-        np.tile(active, (k, 1)).T,
+        total.reshape(k * v, 3, 3)[:, ROWS, COLUMNS].T,
         log_weight.reshape(1, k * v),
-        np.tile(log_min_ratio, (1, k)),
+        np.tile([*assignments.log_gross.T, 2 * first + (second > third)], k),
         np.full((1, k * v), float(is_mislabelled)),
     ]
     return np.concatenate(columns)
 
 
 def _components(
-    tables: Sequence[LayoutTable], counts: Sequence[int], selected: IntArray, objects: MeasuredArrays
+    tables: Sequence[FloatArray], counts: Sequence[int], selected: IntArray, objects: MeasuredArrays
 ) -> ObjectComponents:
     """Return the components of e entries.
 
     Parameters
     ----------
-    tables : sequence of LayoutTable
+    tables : sequence of (15, r) ndarray of float
     counts : (e,) sequence of int
         Number of components of each entry in `tables`.
     selected : (e,) ndarray of int
@@ -316,28 +322,50 @@ def _components(
     """
     owner = np.repeat(np.arange(len(counts)), counts)  # (m,) entry
     object_index = selected[owner]  # (m,)
-    columns = np.concatenate([table.columns for table in tables], axis=1)  # (15, m)
-    mean, covariance, active, log_weight = columns[:3], columns[3:9], columns[9:12], columns[12]
-    measured = np.concatenate([table.measured for table in tables], axis=1)  # (3, m)
-    flat_index = measured + 3 * object_index  # into the flattened (n, 3) arrays of the objects
-    residual = (mean - objects.y.take(flat_index)) * active
-    covariance[DIAGONAL] += (objects.sigma**2).take(flat_index) * active
-    if objects.covariance.any():
-        for index, (row, column) in OFF_DIAGONAL.items():
-            common = objects.covariance.ravel().take(9 * object_index + 3 * measured[row] + measured[column])
-            covariance[index] += common * active[row] * active[column]
-    precision, log_det = inverse(covariance)
-    for index, is_active in zip(DIAGONAL, active, strict=True):
-        precision[index] *= is_active  # elements off the diagonal are already zero
-    probability = np.where(columns[14], objects.mislabelled[object_index], 1 - objects.mislabelled[object_index])
-    log_weight += np.log1p(-objects.outlier)[object_index] + np.log(np.maximum(probability, 1e-300)) - 0.5 * log_det
-    pull = product(precision, residual)
-    lam = total(row_sums(precision))
-    centre = total(pull) / lam
-    peak = log_weight - 0.5 * (dot(residual, pull) - lam * centre**2)
-    start = np.cumsum([0, *counts[:-1]])
-    keep = np.flatnonzero(peak >= np.maximum.reduceat(peak, start)[owner] + columns[13])
-    flat = np.array(
-        [row.take(keep) for row in (*precision, *residual, *pull, log_weight, lam, centre, peak, columns[14])]
-    )
-    return ObjectComponents.of_objects(flat, owner.take(keep), np.log(objects.outlier[selected]))
+    columns = np.concatenate(tables, axis=1)  # (15, m)
+    # The covariance of a measurement on an inactive axis is negligible compared with `INACTIVE_VARIANCE`.
+    columns[:9] += objects.in_orders.take(6 * object_index + columns[13].astype(np.int64), axis=1)
+    residual, log_weight, log_gross, is_mislabelled = columns[:3], columns[9], columns[10:13], columns[14] > 0
+    precision, log_det = inverse(columns[3:9])  # (3, 3, m)
+    pull = np.einsum("abm,bm->am", precision, residual)
+    along = precision.sum(axis=0)  # (3, m) Lam 1
+    of_label = np.log(np.maximum([1 - objects.mislabelled, objects.mislabelled], 1e-300)) + np.log1p(-objects.outlier)
+    of_object = of_label.take(object_index + len(objects.outlier) * is_mislabelled)
+    constant = log_weight + of_object - 0.5 * (log_det + np.einsum("am,am->m", residual, pull))
+    # A gross error adds a variance to an axis a: its precision is Lam - gain Lam_a Lam_a' (Sherman and Morrison). The
+    # first of the four variants (4, m) has none.
+    gain = np.zeros((4, len(owner)))
+    gain[1:] = 1 / (precision[range(3), range(3)] + GROSS_ERROR_SD_LOG**-2)
+    along_axis, pull_axis = along[VARIANT_AXES], pull[VARIANT_AXES]
+    lam = along.sum(axis=0) - gain * along_axis**2
+    slope = pull.sum(axis=0) - gain * along_axis * pull_axis
+    constant = constant + 0.5 * gain * pull_axis**2
+    constant[1:] += log_gross + 0.5 * np.log(gain[1:] / GROSS_ERROR_SD_LOG**2)
+    centre = slope / lam
+    peak = constant + 0.5 * slope * centre
+    start = np.searchsorted(owner, np.arange(len(counts)))
+    lowest = np.maximum.reduceat(peak.max(axis=0), start)[owner] + LOG_MIN_RATIOS[:, None]
+    row, variant = np.divmod(np.flatnonzero((peak >= lowest).T), 4)
+    chosen = variant * len(owner) + row
+    axis = precision.reshape(3, -1).take(np.array(VARIANT_AXES)[variant] * len(owner) + row, axis=1)  # Lam_a
+    gain = gain.take(chosen)
+    values = [
+        precision.take(row, axis=2) - gain * axis[:, None] * axis,
+        pull.take(row, axis=1) - gain * pull_axis.take(chosen) * axis,
+        *(values.take(chosen) for values in (constant, lam, centre, peak)),
+        is_mislabelled.take(row),
+    ]
+    return ObjectComponents.of_objects(values, owner.take(row), np.log(objects.outlier[selected]))
+
+
+def inverse(six: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the inverses (3, 3, m) and log determinants (m,) of packed positive definite matrices (6, m).
+
+    By cofactors, ten times faster than the function of NumPy for the thousands of matrices of a scene.
+    """
+    a, b, c, d, e, f = six
+    first, second, third = d * f - e * e, c * e - b * f, b * e - c * d
+    det = a * first + b * second + c * third
+    fourth, fifth, sixth = a * f - c * c, b * c - a * e, a * d - b * b
+    cofactors = np.array([[first, second, third], [second, fourth, fifth], [third, fifth, sixth]])
+    return cofactors / det, np.log(det)

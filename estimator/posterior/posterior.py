@@ -41,7 +41,7 @@ from estimator.posterior.object_likelihood import (
     measurement_arrays,
     rows,
 )
-from estimator.posterior.shared_error import ObjectComponents
+from estimator.posterior.shared_error import N_ROW_ARRAYS, ObjectComponents
 from estimator.records.result import Curve, Mode, Status
 from metric_base.arrays import FloatArray, IntArray
 
@@ -217,7 +217,7 @@ def posterior(evidence: Sequence[ObjectEvidence], gaussians: FloatArray | None =
         u = _grid(components, gaussians)
         log_likelihood, terms = _class_terms(objects, components, names, u)
     else:
-        components = ObjectComponents.of_objects(np.zeros((17, 0)), np.zeros(0, dtype=np.int64), np.zeros(0))
+        components = ObjectComponents.of_objects([np.zeros(0)] * N_ROW_ARRAYS, np.zeros(0, dtype=np.int64), np.zeros(0))
         u = _grid(components, gaussians)
         log_likelihood, terms = np.zeros((0, len(u))), []
     total = log_likelihood.sum(axis=0)

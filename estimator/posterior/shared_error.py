@@ -22,14 +22,16 @@ object among three or six, 0.15 and 12 %.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import combinations_with_replacement
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.posterior.axis_assignments import prior_axes
-from estimator.posterior.symmetric_matrices import dot, product, total
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 from metric_tree.prior import Prior
 
@@ -37,7 +39,12 @@ from metric_tree.prior import Prior
 _ANGLES = np.arange(6) * np.pi / 3
 NODES: FloatArray = np.concatenate([np.zeros((1, 2)), 2.0 * np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=1)])
 NODE_WEIGHTS: FloatArray = np.array([1 / 2] + [1 / 12] * 6)
-_LOG_NODE: FloatArray = np.log(NODE_WEIGHTS) + 0.5 * (NODES**2).sum(axis=1)
+LOG_NODE: FloatArray = np.log(NODE_WEIGHTS) + 0.5 * (NODES**2).sum(axis=1)
+#: Pairs of (u', 1, x, y) whose products are the ten monomials of a quadratic on the nodes (x, y).
+MONOMIALS = tuple(combinations_with_replacement(range(4), 2))
+#: Index of the constant among them, and of the terms that are linear in u', 1, x and y.
+CONSTANT, LINEAR = 4, [1, 4, 5, 6]
+_PRODUCT_FACTORS: FloatArray = np.array([[-0.5 if row == column else -1.0] for row, column in MONOMIALS])
 #: Factor of the precision of the approximations when the nodes are placed. They overestimate it if an object is an
 #: outlier or belongs to another component; nodes that are too wide cost little, nodes that are too narrow miss mass.
 NODE_PRECISION_FACTOR = 0.5
@@ -46,61 +53,24 @@ NODE_PRECISION_FACTOR = 0.5
 MIN_EXPONENT = np.float32(-60.0)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ObjectComponents:
+class ObjectComponents(NamedTuple):
     """Gaussian components of n objects as m flat rows, sorted by object.
 
-    On the line v = u 1, a row is exp(line_log_peak) exp(-line_precision (u - line_centre)^2 / 2).
+    With the precision Lam and the residual r of a row, the log of its component is
+    log_constant + (Lam r)' v - v' Lam v / 2. On the line v = u 1, it is
+    line_log_peak - line_precision (u - line_centre)^2 / 2.
     """
 
-    #: (17, m), see the properties.
-    columns: FloatArray
-    #: (m,) object of each row.
-    object: IntArray
-    #: (n,) first row of each object.
-    start: IntArray
-    #: (n,) log weight of the outlier density.
-    log_floor: FloatArray
-
-    @property
-    def precision(self) -> FloatArray:
-        """Lam, (6, m) packed as in `symmetric_matrices`, zero on inactive axes."""
-        return self.columns[:6]
-
-    @property
-    def residual(self) -> FloatArray:
-        """r, (3, m)."""
-        return self.columns[6:9]
-
-    @property
-    def pull(self) -> FloatArray:
-        """Lam r, (3, m)."""
-        return self.columns[9:12]
-
-    @property
-    def log_weight(self) -> FloatArray:
-        """(m,) log weight, including the normalisation of the Gaussian."""
-        return np.asarray(self.columns[12])
-
-    @property
-    def line_precision(self) -> FloatArray:
-        """Lam = 1' Lam 1, (m,)."""
-        return np.asarray(self.columns[13])
-
-    @property
-    def line_centre(self) -> FloatArray:
-        """u_hat = 1' Lam r / lam, (m,)."""
-        return np.asarray(self.columns[14])
-
-    @property
-    def line_log_peak(self) -> FloatArray:
-        """(m,) log of the peak, including the evidence of the proportions."""
-        return np.asarray(self.columns[15])
-
-    @property
-    def is_mislabelled(self) -> BoolArray:
-        """(m,) the row describes an object whose label means another one, for classes with a single object."""
-        return np.asarray(self.columns[16] > 0)
+    precision: FloatArray  #: Lam, (3, 3, m), almost zero on inactive axes.
+    pull: FloatArray  #: Lam r, (3, m).
+    log_constant: FloatArray  #: (m,) log of the component at v = 0, including its weight.
+    line_precision: FloatArray  #: lam = 1' Lam 1, (m,).
+    line_centre: FloatArray  #: u_hat = 1' Lam r / lam, (m,).
+    line_log_peak: FloatArray  #: (m,) log of the peak, including the evidence of the proportions.
+    is_mislabelled: BoolArray  #: (m,) the label means another object, for classes with a single object.
+    object: IntArray  #: (m,) object of each row.
+    start: IntArray  #: (n,) first row of each object.
+    log_floor: FloatArray  #: (n,) log weight of the outlier density.
 
     def of(self, objects: IntArray) -> ObjectComponents:
         """Return the rows of some objects (k,), in increasing order, which are renumbered."""
@@ -108,12 +78,17 @@ class ObjectComponents:
         new_index[objects] = np.arange(len(objects))
         owner = new_index[self.object]
         rows = np.flatnonzero(owner >= 0)
-        return ObjectComponents.of_objects(self.columns.take(rows, axis=1), owner[rows], self.log_floor[objects])
+        values = [array.take(rows, axis=-1) for array in self[:N_ROW_ARRAYS]]
+        return ObjectComponents.of_objects(values, owner[rows], self.log_floor[objects])
 
     @classmethod
-    def of_objects(cls, columns: FloatArray, owner: IntArray, log_floor: FloatArray) -> ObjectComponents:
-        """Create from columns (17, m) and their objects (m,), which are sorted and contain every object."""
-        return cls(columns, owner, np.searchsorted(owner, np.arange(len(log_floor))), log_floor)
+    def of_objects(cls, values: Sequence[NDArray[Any]], owner: IntArray, log_floor: FloatArray) -> ObjectComponents:
+        """Create from the first arrays and the objects (m,) of the rows, which are sorted and contain every object."""
+        return cls._make([*values, owner, np.searchsorted(owner, np.arange(len(log_floor))), log_floor])
+
+
+#: Number of the first arrays of `ObjectComponents` whose last axis is that of the rows.
+N_ROW_ARRAYS = 7
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -130,29 +105,16 @@ class SharedError:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NodeLines:
-    """Lines of the nodes of c classes in v-space as functions of u': v = u' direction - offset."""
+    """Nodes of c classes in v-space: v = V (u', 1, x, y) for the node (x, y) of the rule."""
 
-    #: (3, c)
-    direction: FloatArray
-    #: (3, j, c)
-    offset: FloatArray
-    #: (3, j, c) coefficients of u'^2, u', 1.
+    #: (3, 4, c) V of each class.
+    vectors: FloatArray
+    #: (10, c) log weight of the nodes without that of the rule, as coefficients of `MONOMIALS`.
     log_weight: FloatArray
 
-    def central(self) -> NodeLines:
-        """Return the lines of the central nodes."""
-        return NodeLines(self.direction, self.offset[:, :1], self.log_weight[:, :1])
-
     def of(self, keep: BoolArray) -> NodeLines:
-        """Return the lines of the classes of a mask (c,)."""
-        return NodeLines(self.direction[:, keep], self.offset[:, :, keep], self.log_weight[:, :, keep])
-
-    def along(self, middle: FloatArray, half: FloatArray) -> NodeLines:
-        """Return the lines as functions of t, with u' = middle + half t; `middle` and `half` have the shape (c,)."""
-        a, b, c = self.log_weight
-        log_weight = np.array([a * half**2, (2 * a * middle + b) * half, (a * middle + b) * middle + c])
-        offset = self.offset - (middle * self.direction)[:, None]
-        return NodeLines(half * self.direction, offset, log_weight)
+        """Return the nodes of the classes of a mask (c,)."""
+        return NodeLines(self.vectors[:, :, keep], self.log_weight[:, keep])
 
 
 @lru_cache(maxsize=4096)
@@ -173,7 +135,7 @@ def split_error(b: FloatArray, axes: IntArray) -> SharedError:
     return SharedError(covariance, float(np.sqrt(along)), padded)
 
 
-def node_lines(rows: ObjectComponents, group: IntArray, across: FloatArray, power: FloatArray) -> NodeLines:
+def node_lines(rows: ObjectComponents, group: IntArray, across: FloatArray, belongs: NDArray[np.float32]) -> NodeLines:
     """Place the nodes of c classes.
 
     Parameters
@@ -181,36 +143,79 @@ def node_lines(rows: ObjectComponents, group: IntArray, across: FloatArray, powe
     rows : ObjectComponents
     group : (n,) ndarray of int
         Class of each object.
-    across : (c, 3, 2) ndarray of float
+    across : (3, 2, c) ndarray of float
         U of each class.
-    power : (c,) ndarray of float
-        Exponent of the objects of each class in the product.
+    belongs : (c, n) ndarray of float32
+        Exponent of each object in the product of each class, 0 for the objects of other classes.
 
     Notes
     -----
     The product is approximated by f(v) = exp(-(v' L v) / 2 + h' v) with the sums L and h of the expected precisions of
-    the objects. Given u', z has the precision P = I + U' L U and the mean P^-1 U' (L 1 u' - h).
+    the objects. Given u', z has the precision P = I + U' L U and the mean P^-1 U' (L 1 u' - h), and v = u' 1 - U z.
     """
-    columns = across.transpose(1, 2, 0)  # (3, 2, c)
-    fraction = _fractions(rows, columns.take(group[rows.object], axis=2))  # (m,)
-    weighted = rows.columns[[*range(6), *range(9, 12)]] * fraction  # (9, m) Lam and Lam r
-    belongs = (group[:, None] == np.arange(len(across))) * (power * NODE_PRECISION_FACTOR)  # (n, c)
-    sums = np.add.reduceat(weighted, rows.start, axis=1) @ belongs  # (9, c) L and h
-    turned = product(sums[:6], columns)  # L U
-    p00, p11 = 1 + dot(columns, turned)  # (c,)
-    p01 = dot(columns[:, 0], [column[1] for column in turned])
+    fraction = _fractions(rows, across.take(group[rows.object], axis=2))  # (m,)
+    of_class = (NODE_PRECISION_FACTOR * belongs).T  # (n, c)
+    precision, pull = (
+        np.add.reduceat(values * fraction, rows.start, axis=-1) @ of_class for values in (rows.precision, rows.pull)
+    )  # L (3, 3, c) and h (3, c)
+    turned = np.einsum("abc,bzc->azc", precision, across)  # L U
+    (p00, p01), (_, p11) = np.einsum("azc,ayc->zyc", across, turned)
+    p00, p11 = 1 + p00, 1 + p11  # (c,)
     det = p00 * p11 - p01 * p01
     inverse = np.array([[p11, -p01], [-p01, p00]]) / det  # (2, 2, c)
-    slope = (inverse * total(turned)).sum(axis=1)  # (2, c)
-    start = -(inverse * dot(columns, sums[6:])).sum(axis=1)
-    # The nodes are transformed by the Cholesky factor of P^-1.
-    spread = np.sqrt(p11 / det)
-    placed = [NODES[:, :1] * spread, NODES[:, 1:] / np.sqrt(p11) - NODES[:, :1] * (p01 / det / spread)]
-    fixed = start[:, None] + placed  # (2, j, c)
-    square = np.broadcast_to((slope**2).sum(axis=0), fixed.shape[1:])
-    constant = _LOG_NODE[:, None] - 0.5 * ((fixed**2).sum(axis=0) + np.log(det))
-    log_weight = np.array([-0.5 * square, -(fixed * slope[:, None]).sum(axis=0), constant])
-    return NodeLines(1.0 - (columns * slope).sum(axis=1), (columns[:, :, None] * fixed).sum(axis=1), log_weight)
+    # z = u' slope + start + x first + y second, with the Cholesky factor (first, second) of P^-1.
+    spread, none = np.sqrt(p11 / det), np.zeros_like(det)
+    latent = np.array(
+        [
+            *np.einsum(
+                "zyc,ykc->kzc",
+                inverse,
+                np.stack([turned.sum(axis=0), -np.einsum("ayc,ac->yc", across, pull)], axis=1),
+            ),
+            [spread, -p01 / det / spread],
+            [none, 1 / np.sqrt(p11)],
+        ]
+    ).swapaxes(0, 1)  # (2, 4, c)
+    vectors = -np.einsum("azc,zkc->akc", across, latent)
+    vectors[:, 0] += 1
+    log_weight = quadratic_coefficients(latent, latent)
+    log_weight[CONSTANT] -= 0.5 * np.log(det)
+    return NodeLines(vectors, log_weight)
+
+
+def quadratic_coefficients(vectors: FloatArray, turned: FloatArray) -> FloatArray:
+    """Return -v' M v / 2 for m vectors v = V (u', 1, x, y) as coefficients (10, m) of `MONOMIALS`.
+
+    Parameters
+    ----------
+    vectors : (d, 4, m) ndarray of float
+        V.
+    turned : (d, 4, m) ndarray of float
+        M V.
+    """
+    products = [np.einsum("am,akm->km", vectors[:, k], turned[:, k:]) for k in range(4)]
+    return np.asarray(np.concatenate(products) * _PRODUCT_FACTORS)
+
+
+def on_interval(coefficients: FloatArray, middle: FloatArray, half: FloatArray) -> FloatArray:
+    """Return the coefficients (10, m) as functions of t instead of u' = middle + half t, both of shape (m,)."""
+    result = coefficients.copy()
+    square, linear = coefficients[:2]
+    result[1] += 2 * middle * square
+    result[4] += middle * (linear + middle * square)
+    result[5:7] += middle * coefficients[2:4]
+    result[:4] *= half
+    result[0] *= half
+    return result
+
+
+@lru_cache(maxsize=64)
+def monomials(nodes: int, points: int) -> FloatArray:
+    """Return `MONOMIALS` (10, nodes x points) of the first nodes and of uniform t from -1 to 1."""
+    t = np.tile(np.linspace(-1, 1, points), nodes)
+    x, y = np.repeat(NODES[:nodes], points, axis=0).T
+    factors = [t, np.ones_like(t), x, y]
+    return np.array([factors[row] * factors[column] for row, column in MONOMIALS])
 
 
 def convolution(
@@ -235,19 +240,17 @@ def convolution(
     """
     inverse = 1 / along_sd[:, None]
     shrunk, middle = inverse / math.sqrt(2), points.mean(axis=1, keepdims=True)
-    far, near = (u - middle) * shrunk, (points - middle) * shrunk  # (c, g) and (c, h)
+    far = ((u - middle) * shrunk).astype(np.float32)  # (c, g)
+    near = ((points - middle) * shrunk).astype(np.float32)  # (c, h)
     # -(far - near)^2 as a matrix product takes half the time of squared differences.
-    left = np.array([-far * far, 2 * far, np.ones_like(far)], dtype=np.float32).transpose(1, 2, 0)
-    kernel = left @ np.array([np.ones_like(near), near, -near * near], dtype=np.float32).transpose(1, 0, 2)
-    exponentials(kernel)
-    step = (points[:, 1] - points[:, 0])[:, None]
-    weighted = values * (step * inverse / math.sqrt(2 * math.pi))
-    weighted[:, 0] *= 0.5  # trapezoidal rule; the tails contain the other halves
-    weighted[:, -1] *= 0.5
+    left = np.stack([-far * far, 2 * far, np.ones_like(far)], axis=2)
+    kernel = exponentials(left @ np.stack([np.ones_like(near), near, -near * near], axis=1))
+    weighted = values * ((points[:, 1:2] - points[:, :1]) * inverse / math.sqrt(2 * math.pi))
+    weighted[:, [0, -1]] *= 0.5  # trapezoidal rule; the tails contain the other halves
     inside = (kernel @ weighted.astype(np.float32)[:, :, None])[:, :, 0]
-    z = np.array([points[:, :1] - u, u - points[:, -1:]]) * inverse
+    z = np.array([near[:, :1] - far, far - near[:, -1:]]) * np.float32(math.sqrt(2))
     # Normal distribution function, approximated by a tanh.
-    before, after = np.asarray(0.5 * (1 + np.tanh(math.sqrt(2 / math.pi) * (z + 0.044715 * (z * z * z)))))
+    before, after = 0.5 * (1 + np.tanh(math.sqrt(2 / math.pi) * (z + 0.044715 * (z * z * z))))
     return inside + before * values[:, :1] + after * values[:, -1:], kernel
 
 
@@ -265,11 +268,11 @@ def _fractions(rows: ObjectComponents, across: FloatArray) -> FloatArray:
 
     across : (3, 2, m) U of each row
     """
-    turned = product(rows.precision, across)  # Lam U
-    along = total(turned)  # (2, m) 1' Lam U
-    b0, b1 = dot(rows.pull, across) - along * rows.line_centre
-    p00, p11 = 1 + dot(across, turned) - along**2 / rows.line_precision
-    p01 = dot(across[:, 0], [column[1] for column in turned]) - along[0] * along[1] / rows.line_precision
+    turned = np.einsum("abm,bzm->azm", rows.precision, across)  # Lam U
+    along = turned.sum(axis=0)  # (2, m) 1' Lam U
+    b0, b1 = np.einsum("am,azm->zm", rows.pull, across) - along * rows.line_centre
+    (p00, p01), (_, p11) = np.einsum("azm,aym->zym", across, turned) - along[:, None] * along / rows.line_precision
+    p00, p11 = 1 + p00, 1 + p11
     det = p00 * p11 - p01 * p01
     evidence = rows.line_log_peak + 0.5 * ((p11 * b0 * b0 - 2 * p01 * b0 * b1 + p00 * b1 * b1) / det - np.log(det))
     top = np.maximum(np.maximum.reduceat(evidence, rows.start), rows.log_floor)

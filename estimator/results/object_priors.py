@@ -284,19 +284,19 @@ def object_evidence(
     for index, item in enumerate(objects):
         match = matches[item.category]
         if reasons[index] is None and match.node is not None and match.prior is not None:
-            factor = _score_factor(item, match)
-            judged = item if factor == 1 else replace(item, score=item.score * factor)
             prior = match.prior if probability is None else prior_for_scene_type(match.prior, probability)
-            candidates[index] = ObjectEvidence(judged, prior_with_states(prior, match.node), match.node.pose)
+            prior, factor = prior_with_states(prior, match.node), _score_factor(item, match)
+            candidates[index] = ObjectEvidence(item, prior, match.node.pose, factor)
     used: dict[int, tuple[str, ...]] = {}
-    for index, in_prior in zip(candidates, usable(list(candidates.values())), strict=True):
-        is_complete = in_prior & ~np.asarray(objects[index].truncated, dtype=bool)
-        if not in_prior.any():
+    in_prior = usable(list(candidates.values()))  # (n, 3)
+    truncated = np.array([objects[index].truncated for index in candidates], dtype=bool).reshape(-1, 3)
+    for index, judged, complete in zip(candidates, in_prior.tolist(), (in_prior & ~truncated).tolist(), strict=True):
+        if not any(judged):
             reasons[index] = f"none of its extents is among {', '.join(candidates[index].prior.dims)}"
-        elif not is_complete.any():
+        elif not any(complete):
             reasons[index] = "every extent that its prior judges is truncated"
         else:
-            used[index] = names_of(objects[index], is_complete)
+            used[index] = names_of(objects[index], complete)
     gaussians = [(math.log(item.scale), item.sd_log, item.doubt) for item in others if item.scale is not None]
     return EvidenceSet(
         measured=tuple(objects),
@@ -336,6 +336,6 @@ def dimension_names(item: MeasuredObject) -> tuple[str, str, str]:
     return (AXES[0], AXES[1], AXES[2]) if item.vertical_known else EXTENTS
 
 
-def names_of(item: MeasuredObject, chosen: BoolArray) -> tuple[str, ...]:
-    """Return the names of the extents that are chosen, (3,) bool."""
+def names_of(item: MeasuredObject, chosen: Sequence[bool]) -> tuple[str, ...]:
+    """Return the names of the three extents that are chosen."""
     return tuple(name for name, keep in zip(dimension_names(item), chosen, strict=True) if keep)

@@ -217,7 +217,7 @@ def _object_report(evidence: EvidenceSet, index: int, row: int | None, estimate:
         points=item.points,
         dimensions=_named_values(item, item.extents),
         confidence=_named_values(item, item.confidence),
-        truncated=names_of(item, np.asarray(item.truncated, dtype=bool)),
+        truncated=names_of(item, item.truncated.tolist()),
         used=used,
         scale=own_scale,
         weight=weight,

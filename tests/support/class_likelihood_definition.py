@@ -45,7 +45,9 @@ def hypothesis_likelihood(
     """Return the integral (g,) of one hypothesis at log scales u (g,)."""
     n, axes = len(evidence), prior_axes(model.prior)
     parts = hypothesis_rows(measurement_arrays(evidence), np.arange(n), [(model,)] * n)
-    precision, residual = _full(parts.precision), parts.residual.T  # (m, 3, 3), (m, 3)
+    precision = parts.precision.transpose(2, 0, 1)  # (m, 3, 3)
+    residual = np.linalg.solve(precision, parts.pull.T[:, :, None])[:, :, 0]  # (m, 3)
+    log_weight = parts.log_constant + 0.5 * (residual * parts.pull.T).sum(axis=1)
     covariance = model.error.covariance[np.ix_(axes, axes)]  # (d, d)
     low, high = residual.min(axis=0)[axes], residual.max(axis=0)[axes]
     reach = np.minimum(MARGIN_SIGMAS * np.sqrt(np.diag(covariance)), MAX_MARGIN_LOG)
@@ -56,7 +58,7 @@ def hypothesis_likelihood(
     for i in range(n):
         density = np.full(len(v), np.exp(parts.log_floor[i]))
         for row in np.flatnonzero(parts.object == i):
-            density += np.exp(parts.log_weight[row] - 0.5 * _quadratic(v - residual[row], precision[row]))
+            density += np.exp(log_weight[row] - 0.5 * _quadratic(v - residual[row], precision[row]))
         log_product += min(1.0, EFFECTIVE_OBJECTS / n) * np.log(density)
     cell = np.prod([side[1] - side[0] for side in sides])
     normal = cell / np.sqrt(np.linalg.det(2 * np.pi * covariance))
@@ -71,8 +73,3 @@ def hypothesis_likelihood(
 def _quadratic(x: FloatArray, matrix: FloatArray) -> FloatArray:
     """Return x' M x (n,) of vectors (n, d) and a matrix (d, d)."""
     return np.asarray(np.einsum("ij,ij->i", x @ matrix, x))
-
-
-def _full(six: FloatArray) -> FloatArray:
-    """Unpack symmetric matrices (6, m) to (m, 3, 3)."""
-    return np.asarray(six[[0, 1, 2, 1, 3, 4, 2, 4, 5]].T.reshape(-1, 3, 3))

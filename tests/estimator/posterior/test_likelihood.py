@@ -16,7 +16,7 @@ from scipy.stats import multivariate_normal
 
 from estimator.posterior import axis_assignments, object_likelihood
 from estimator.posterior.axis_assignments import LOG_BOX, TRUNCATION_MIXTURE, VERTICAL, Layout, variants
-from estimator.posterior.object_likelihood import measurement_arrays, rows, usable
+from estimator.posterior.object_likelihood import COLUMNS, ROWS, inverse, measurement_arrays, rows, usable
 from estimator.posterior.posterior import object_curves
 from metric_base.arrays import FloatArray
 from metric_tree.prior import Prior
@@ -151,10 +151,13 @@ def test_variants_are_a_distribution(pose: str, vertical: bool, missing: list[bo
     assert np.array_equal(np.sort(ways.measured, axis=1), np.tile([0, 1, 2], (len(ways.measured), 1)))
     # the weights of the shifts of an assignment sum to its weight
     plain = variants(Layout(pose, vertical, False, layout.missing, (False,) * 3, (True,) * 3, bool(cut[0] or cut[1])))
-    boxes = np.exp(ways.log_weight - math.log(LOG_BOX) * ways.active.sum(axis=1))
-    assert boxes.sum() == pytest.approx(
-        np.exp(plain.log_weight - math.log(LOG_BOX) * plain.active.sum(axis=1)).sum(), rel=1e-9
-    )
+    sums = [
+        (
+            np.exp(of.log_weight - math.log(LOG_BOX) * of.active.sum(axis=1)) * (1 + np.exp(of.log_gross).sum(axis=1))
+        ).sum()
+        for of in (ways, plain)
+    ]
+    assert sums[0] == pytest.approx(sums[1], rel=1e-9)
 
 
 def test_one_gross_error_is_borne() -> None:
@@ -195,10 +198,12 @@ def test_sorted_prior_sorts_the_object() -> None:
 def test_one_dimension_in_ten_may_have_a_gross_error() -> None:
     upright = Layout("upright", True, False, (False,) * 3, (False,) * 3, (True,) * 3, horizontal_close=False)
     table = variants(upright)
-    weight = np.exp(table.log_weight)
-    assert weight[table.gross].sum() / weight.sum() == pytest.approx(3 * 0.1)
+    assert np.exp(table.log_gross) == pytest.approx(0.1 / 0.7)
+    assert np.exp(table.log_weight - 3 * math.log(LOG_BOX)) == pytest.approx(0.7)
     single = variants(replace(upright, modelled=(False, False, True)))
-    assert not single.gross.any()  # a single dimension with a gross error is an outlier
+    assert np.isneginf(single.log_gross).all()  # a single dimension with a gross error is an outlier
+    cut = variants(replace(upright, truncated=(False, True, False)))
+    assert np.isneginf(cut.log_gross[cut.measured == 1]).all()
 
 
 def test_a_truncated_side_has_its_length_or_is_too_short() -> None:
@@ -206,7 +211,7 @@ def test_a_truncated_side_has_its_length_or_is_too_short() -> None:
     sides = variants(
         Layout("upright", True, False, (True, True, False), (False, False, True), (True,) * 3, horizontal_close=False)
     )
-    active = sides.active[:, 2] & ~sides.gross
+    active = sides.active[:, 2]
     weight = np.exp(sides.log_weight[active])
     rows = np.column_stack([weight / weight.sum(), sides.shift[active, 2], np.sqrt(sides.variance[active, 2])])
     assert np.unique(rows.round(9), axis=0) == pytest.approx(np.array([[0.4, 0.3, 0.8], [0.6, 0.05, 0.15]]))
@@ -227,10 +232,17 @@ def test_the_order_of_horizontal_sides_is_uncertain_within_three_standard_deviat
 
 
 def test_a_gross_error_has_a_standard_deviation_of_four_tenths() -> None:
-    layout = Layout("upright", True, False, (False,) * 3, (False,) * 3, (True,) * 3, False)
-    found = variants(layout)
-    assert found.variance.max() == pytest.approx(0.4**2)
-    assert found.gross.sum() == 3
+    """The precision of a component with a gross error is the inverse of its covariance plus the variance 0.4^2."""
+    components = rows(measurement_arrays([evidence(CHAIR, (0.56, 0.54, 0.48), sigma=0.02)]))
+    covariances = np.linalg.inv(components.precision.transpose(2, 0, 1))
+    plain = CHAIR.covariances[0] + CHAIR.shared_covariance + 0.02**2 * np.eye(3)
+    wrong_height = plain + np.diag([0, 0, 0.4**2])
+    assert np.abs(covariances - plain).max(axis=(1, 2)).min() < 1e-12
+    found = np.flatnonzero(np.abs(covariances - wrong_height).max(axis=(1, 2)) < 1e-12)
+    residual = CHAIR.means[0] - np.log([560, 540, 480])
+    expected = math.log(0.9 * 0.1 * CHAIR.weights[0]) + 3 * math.log(LOG_BOX)
+    expected += multivariate_normal(np.zeros(3), wrong_height).logpdf(residual)
+    assert np.isclose(components.log_constant[found], expected).sum() == 1
 
 
 def test_components_of_many_objects_are_computed_in_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -247,7 +259,13 @@ def test_components_of_many_objects_are_computed_in_blocks(monkeypatch: pytest.M
         results.append(rows(objects))
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
-    assert np.array_equal(results[0].columns, results[1].columns)
-    assert np.array_equal(results[0].start, results[1].start)
-    assert np.array_equal(results[0].log_floor, results[1].log_floor)
+    assert all(np.array_equal(blocks, whole) for blocks, whole in zip(*results, strict=True))
     assert peaks[0] < 0.6 * peaks[1]
+
+
+def test_inverse_and_determinant_of_packed_matrices() -> None:
+    factors = np.random.default_rng(3).normal(size=(20, 3, 3))
+    matrices = factors @ factors.transpose(0, 2, 1) + 0.1 * np.eye(3)
+    found, log_det = inverse(matrices[:, ROWS, COLUMNS].T)
+    assert found.transpose(2, 0, 1) == pytest.approx(np.linalg.inv(matrices))
+    assert log_det == pytest.approx(np.linalg.slogdet(matrices)[1])

@@ -270,7 +270,7 @@ def _merged(prior: Prior, components: int) -> Prior:
 
 @lru_cache(maxsize=4096)
 def _joined_table(of_object: tuple[Hypothesis, ...], pose: str, code: int) -> tuple[FloatArray, list[int]]:
-    """Return the tables of an object under several hypotheses as one, and the number of components of each."""
+    """Return the table (15, r) of an object under several hypotheses, and the number of components of each."""
     tables = [layout_table(row.prior, pose, code, row.vertical_extent, False, row.is_mislabelled) for row in of_object]
     return np.concatenate(tables, axis=1), [table.shape[1] for table in tables]
 

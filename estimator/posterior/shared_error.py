@@ -211,7 +211,7 @@ def on_interval(coefficients: FloatArray, middle: FloatArray, half: FloatArray) 
 
 @lru_cache(maxsize=64)
 def monomials(nodes: int, points: int) -> FloatArray:
-    """Return `MONOMIALS` (10, nodes x points) of the first nodes and of uniform t from -1 to 1."""
+    """Return `MONOMIALS` (10, g) of the first nodes, each with uniform values of t from -1 to 1."""
     t = np.tile(np.linspace(-1, 1, points), nodes)
     x, y = np.repeat(NODES[:nodes], points, axis=0).T
     factors = [t, np.ones_like(t), x, y]

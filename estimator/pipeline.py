@@ -331,7 +331,8 @@ def measure_objects(
         doubled = f"the {len(instances)} masks are pairs of equal masks with two categories of equal score"
         problems.append(SceneProblem(f"{doubled}: the correct ones are unknown, and none is used"))
     if geometry.up.method == "none":
-        problems.append(SceneProblem("up is unknown: the cameras neither turn nor agree on it"))
+        cause = "the cameras neither turn nor agree on it, or look straight at a wall or the ground"
+        problems.append(SceneProblem(f"up is unknown: {cause} (--up, an inertial unit or a level surface would help)"))
     if geometry.up.method == "mean-camera-up":
         uncertain = "up is the mean camera up: the cameras hardly turn and no level surface is visible"
         problems.append(SceneProblem(uncertain))

@@ -3,14 +3,15 @@
     OMP_NUM_THREADS=1 python -m benchmarks.estimator.verticals [SCENE ...]
 
 The scenes are hard synthetic rooms, half of them with every second object tilted by four degrees, with all or a tenth
-of the floor's points, sparse and dense; and scenes on disk whose `truth.json` states up. Seeds 1100 to 1103 are for
-development.
+of the floor's points, sparse and dense; captures with misleading clouds (`tests.synthetic.verticals`); and scenes on
+disk whose `truth.json` states up. Seeds 1100 to 1103 are for development.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +26,7 @@ from tests.synthetic.rooms.furnish import furnished_room
 from tests.synthetic.rooms.kinds import KINDS
 from tests.synthetic.rooms.knobs import HARD, with_knobs
 from tests.synthetic.rooms.quick import quick_scene
+from tests.synthetic.verticals import CAPTURES, DEFECTS, misleading_capture
 
 #: Tilt of the tilted objects in degrees.
 TILT_DEG = 4.0
@@ -34,6 +36,8 @@ TILTED_FRACTION = 0.5
 BARE_FLOOR_FRACTION = 0.1
 #: Half width, in height bins, of the layer of floor points.
 FLOOR_BINS = 3
+#: Number of captures of each kind with misleading clouds per seed.
+CAPTURES_A_SEED = 5
 
 #: Kind of scene, true up vector, views, points.
 Case = tuple[str, FloatArray, tuple[View, ...], FloatArray]
@@ -45,7 +49,8 @@ def main() -> None:
     parser.add_argument("scenes", nargs="*", type=Path, help="scenes with a truth.json")
     options = parser.parse_args()
     rows: dict[str, list[tuple[float, float]]] = {}
-    for kind, true, views, points in (*_on_disk(options.scenes), *_rooms(*options.seeds)):
+    cases = (*_on_disk(options.scenes), *_rooms(*options.seeds), *_misleading(*options.seeds))
+    for kind, true, views, points in cases:
         up = refine_up(camera_up(views), points)
         off = float(np.degrees(np.arccos(np.clip(up.vector @ true, -1, 1))))
         rows.setdefault(kind, []).append((off, up.sigma_deg))
@@ -86,6 +91,11 @@ def _rooms(first: int, end: int) -> Iterator[Case]:
                         above = np.abs(heights - levels[0]) > FLOOR_BINS * width
                         keep = above | (generator.random(len(heights)) < BARE_FLOOR_FRACTION)
                         yield f"{name}, floor bare", room.truth.up, room.scene.views, points[keep]
+
+
+def _misleading(first: int, end: int) -> Iterator[Case]:
+    for capture, defect, seed in product(CAPTURES, DEFECTS, range(CAPTURES_A_SEED * first, CAPTURES_A_SEED * end)):
+        yield f"{capture}, {defect}", np.array([0, 0, 1.0]), *misleading_capture(capture, defect, seed)
 
 
 if __name__ == "__main__":

@@ -43,6 +43,13 @@ OBSERVABLE_DEG = 6.0
 PITCH_DEG = 15.0
 # Minimum length of the mean camera up orthogonal to the x axis; a shorter one has no meaningful direction.
 MIN_MEAN_UP = 0.1
+# Minimum cosine of the angle between the mean line of sight and the axis around which cameras turn, and the maximum
+# length of their mean up, for cameras that look straight down: 25 degrees, and turns over more than half a circle.
+MIN_DOWNWARD_COSINE = 0.9
+MAX_DOWNWARD_MEAN_UP = 0.5
+# Minimum fraction of the points on a surface that the cameras look straight at, without any level surface: it is a
+# wall, or the ground below an aircraft, and the vertical is open.
+MIN_FACED_FRACTION = 0.3
 # Standard deviation of a vertical from an inertial unit, in degrees: some tenths at rest, and about this in motion.
 GIVEN_DEG = 1.0
 # Maximum angle between two verticals that are the same, in standard deviations.
@@ -80,6 +87,9 @@ FIT_ROUNDS = 12
 FIT_BIN = 0.5
 # Maximum angle in degrees between the normal of a level surface and the start; a larger one is a slope or a wall.
 MAX_SLOPE_DEG = 8.0
+# Squared distance of the cameras' vertical from the result, in their covariance, above which it enters the stated
+# error: the mean of consistent cameras. On a steep street, the cameras are right and its surface is not level.
+MAX_CAMERA_DISTANCE2 = 2.0
 # Number of points per independent observation of a plane: the errors of neighbouring points are correlated.
 POINTS_PER_READING = 10.0
 # Standard deviation in degrees of the slope of a surface that is as wide as the scene, whatever its number of points:
@@ -89,6 +99,9 @@ POINTS_PER_READING = 10.0
 SLOPE_DEG = 0.7
 # Standard deviation in degrees of an error that all surfaces share.
 COMMON_DEG = 0.3
+# The same for cameras that hardly turn: they may follow a sloping street, and streets of more than 10 % (5.7 degrees)
+# are rare.
+STREET_SLOPE_DEG = 3.0
 
 # Normal (3,), standard deviations (3,) of the points along the axes (3, 3), whose first is the normal; rows (n,) bool.
 _Surface = tuple[FloatArray, FloatArray, FloatArray, BoolArray]
@@ -120,6 +133,9 @@ def camera_up(views: Sequence[View]) -> Up:
     normal = vectors[:, 0]
     if sigma <= OBSERVABLE_DEG and abs(normal @ mean_up) > 0.5 * np.linalg.norm(mean_up):
         return Up(normal * np.sign(normal @ mean_up), "camera-x-axes", float(sigma))
+    along = float(np.mean([view.rotation[2] for view in views], axis=0) @ normal)
+    if sigma <= OBSERVABLE_DEG and abs(along) > MIN_DOWNWARD_COSINE and np.linalg.norm(mean_up) < MAX_DOWNWARD_MEAN_UP:
+        return Up(-normal * np.sign(along), "camera-x-axes", float(sigma))
     x_axis = vectors[:, 2]
     across = mean_up - (mean_up @ x_axis) * x_axis
     length = float(np.linalg.norm(across))
@@ -174,7 +190,8 @@ def refine_up(up: Up, points: FloatArray, downsampled: FloatArray | None = None)
     Returns
     -------
     Up
-        `up` itself if it is unknown or the cloud has no level surface.
+        `up` itself if it is unknown or the cloud has no level surface. It is unknown if the mean camera up has no level
+        surface and the cameras look straight at a surface, which may be a wall or the ground.
     """
     if downsampled is None:
         downsampled = voxel_downsample(points)
@@ -195,7 +212,7 @@ def refine_up(up: Up, points: FloatArray, downsampled: FloatArray | None = None)
         if all(2 * np.count_nonzero(rows & other[3]) < np.count_nonzero(rows) for other in surfaces):
             surfaces.append(fit)
     if not surfaces:
-        return up
+        return Up(up.vector, "none", 90.0) if _faces_surface(up, downsampled) else up
 
     # Combine the verticals of the cameras and of the surfaces by their covariances. With the tilt x_k of vertical k
     # against `start` and its covariance C_k, x = S sum C_k^-1 x_k and S = (sum C_k^-1)^-1, times the sum of
@@ -217,8 +234,22 @@ def refine_up(up: Up, points: FloatArray, downsampled: FloatArray | None = None)
     tilt = covariance @ sum(precision @ x for precision, x in zip(precisions, tilts, strict=True))
     scatter = sum(float((x - tilt) @ precision @ (x - tilt)) for precision, x in zip(precisions, tilts, strict=True))
     variance = np.trace(covariance) / 2 * max(scatter / (2 * len(surfaces)), 1.0)
+    off = tilts[0] - tilt
+    if off @ precisions[0] @ off > MAX_CAMERA_DISTANCE2:
+        variance += off @ off / 2
     vector = _tilt_up(start, basis[:2], tilt[None])[0]
-    return Up(vector, f"{up.method}+plane", float(np.sqrt(variance + COMMON_DEG**2)))
+    common_deg = COMMON_DEG if up.reliable_axis is None else STREET_SLOPE_DEG
+    return Up(vector, f"{up.method}+plane", float(np.hypot(np.sqrt(variance), common_deg)))
+
+
+def _faces_surface(up: Up, points: FloatArray) -> bool:
+    """Return whether cameras that hardly turn look straight at a surface with many of the points (n, 3)."""
+    if up.reliable_axis is None:
+        return False
+    distances = points @ np.cross(up.reliable_axis, up.vector)
+    width = height_bin_width(distances)
+    counts = [np.abs(distances - peak) < HALF_THICKNESS_BINS * width for peak in height_peaks(distances, width)]
+    return any(np.count_nonzero(is_near) >= MIN_FACED_FRACTION * len(points) for is_near in counts)
 
 
 def _sharpest_vertical(up: Up, points: FloatArray, bin_width: float) -> FloatArray:

@@ -1,12 +1,13 @@
 """Two crawl workers with one Redis: memory against pages, and kills at random moments.
 
-    python -m benchmarks.crawler.workers --products 2500 5000
+    python -m benchmarks.crawler.workers --products 2500 25000
     python -m benchmarks.crawler.workers --products 300 --kills 10
 
 The synthetic site, the workers and Redis are separate processes. A kill is SIGKILL of worker one, worker two or Redis
 in turn, after 0 to 6 s of work of both workers; Redis (`--appendonly yes`) restarts from its disk, and workers that
-ended continue with `--resume`. The output states the longest time without a finished page. Each item of the site must
-be found with its size; without kills no page is requested twice.
+ended continue with `--resume`. The output states the longest time without a finished page, and the peak memory of each
+worker and the memory of Redis after every tenth of the pages (a product has four). Each item of the site must be found
+with its size; without kills no page is requested twice.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import resource
 import subprocess
 import tempfile
 import time
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 
@@ -60,6 +62,7 @@ def crawl(shop: Shop, folder: Path, kills: int, seed: int) -> None:
     victims = [*WORKERS, "redis"] * (kills // 3 + 1)
     running: dict[str, subprocess.Popen[bytes]] = {}
     ended: set[str] = set()
+    next_page = step = 4 * shop.products // 10
     try:
         while len(ended) < len(WORKERS):
             for worker in WORKERS:
@@ -76,6 +79,9 @@ def crawl(shop: Shop, folder: Path, kills: int, seed: int) -> None:
                     if n_now != n_finished:
                         pause_s = max(pause_s, time.monotonic() - finished_at) if n_finished else 0.0
                         n_finished, finished_at = n_now, time.monotonic()
+                    if int(n_now or 0) >= next_page:
+                        next_page += step
+                        print(f"{int(n_now):,} pages; MB: {memory_of(running, store)}", flush=True)
                 time.sleep(0.2)
             if done < kills and not ended:
                 kill(victims[done], running, server)
@@ -94,6 +100,13 @@ def crawl(shop: Shop, folder: Path, kills: int, seed: int) -> None:
             process.wait()
         server.stop()
         served.close()
+
+
+def memory_of(running: Mapping[str, subprocess.Popen[bytes]], store: redis.Redis) -> str:
+    """Return the peak memory of each worker and the present memory of Redis in MB."""
+    sizes = {worker: _peak_kib(process.pid) / 1024 for worker, process in running.items()}
+    sizes["redis"] = store.info("memory")["used_memory"] / 2**20
+    return ", ".join(f"{name} {size:.0f}" for name, size in sizes.items())
 
 
 def start(base: str, folder: Path, address: str, worker: str) -> subprocess.Popen[bytes]:

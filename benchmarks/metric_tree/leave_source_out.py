@@ -38,7 +38,7 @@ from metric_tree.fit.evidence_model import fit_evidence_model
 from metric_tree.fit.moments import moments
 from metric_tree.fit.rows import KIND_WEIGHT, STRONG, ClassRows, take_rows
 from metric_tree.pipeline.build import BuildOptions, BuildRun, clean, ingest, shipped_curated, shipped_taxonomy
-from metric_tree.pipeline.clean import CleanShard, NodeClass
+from metric_tree.pipeline.clean import NodeClass, ShardClasses
 from metric_tree.pipeline.hierarchy import Hierarchy, categories_with_items
 from metric_tree.pipeline.ingest import raw_files
 from metric_tree.pipeline.work_folder import BuildFolder
@@ -62,7 +62,7 @@ MEANS = "published_class_means"
 
 def clean_rows(raw: Sequence[Path], work: Path) -> None:
     """Ingest and clean the rows of a build in a work folder, unless the folder contains them."""
-    if list(work.glob("clean-*.classes")):
+    if list(work.glob("classes-*.classes")):
         return
     work.mkdir(parents=True, exist_ok=True)
     declared = {source.id: source for source in sources()}
@@ -86,9 +86,9 @@ class Rows:
         """Return the cleaned rows for options of `rows_parser`, from the work folder if it contains them."""
         work = options.work or Path(tempfile.mkdtemp())
         clean_rows(options.raw, work)
-        cleaned: list[CleanShard] = [_unpickled(path) for path in sorted(work.glob("clean-*.pickle"))]
+        cleaned: list[ShardClasses] = [_unpickled(path) for path in sorted(work.glob("classes-*.pickle"))]
         classes = {item.node_id: item for part in cleaned for item in part.classes}
-        rows = {item.node_id: item for path in sorted(work.glob("clean-*.classes")) for item in _unpickled(path)}
+        rows = {item.node_id: item for path in sorted(work.glob("classes-*.classes")) for item in _unpickled(path)}
         return cls(rows, classes, Hierarchy.of(categories_with_items(shipped_taxonomy().categories(), classes)))
 
     def without(self, source: str) -> Iterator[tuple[ClassRows, Prior]]:

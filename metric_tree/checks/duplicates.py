@@ -28,6 +28,11 @@ def size_codes(sizes: FloatArray) -> NDArray[np.int64]:
     return np.nan_to_num(np.round(np.log(sizes) / SIZE_RELATIVE_TOLERANCE), nan=MISSING).astype(np.int64)
 
 
+def extent_codes(extents: FloatArray) -> NDArray[np.int64]:
+    """Return an integer (n,) of the extents (n, 3) in mm of each row, which is equal for duplicates."""
+    return np.asarray(size_codes(extents) @ np.array([1, 1_000_003, 1_000_003**2]))
+
+
 def duplicates(
     node: Sequence[str],
     sizes: FloatArray,

@@ -1,7 +1,7 @@
 """Build of a release from raw items in five steps, which can be interrupted (`metric-tree build`).
 
 1. ingest: convert blocks of lines to Arrow rows, match each to a leaf, assign its sizes to axes, divide by node;
-2. clean: remove repeats and unit errors from each shard, compute the moments of each class;
+2. clean: remove repeats and unit errors from units of bounded size, compute the moments of each class;
 3. pool: model of the kinds of evidence and model of regions and years, over all classes;
 4. fit: the prior of each leaf, then the priors of the inner nodes from the leaves up;
 5. publish: four tables and a manifest, written to a temporary folder and renamed.
@@ -37,7 +37,7 @@ from metric_tree.fit.contexts import class_contexts, fit_context_model
 from metric_tree.fit.evidence_model import EvidenceModel, fit_evidence_model
 from metric_tree.fit.rows import KIND_WEIGHT
 from metric_tree.pipeline.build_report import build_report
-from metric_tree.pipeline.clean import NodeClass, class_priors, clean_shard
+from metric_tree.pipeline.clean import NodeClass, class_priors, clean_unit, name_words, shard_classes
 from metric_tree.pipeline.companion_files import (
     add_images,
     height_records,
@@ -48,7 +48,7 @@ from metric_tree.pipeline.companion_files import (
 )
 from metric_tree.pipeline.hierarchy import Hierarchy, categories_with_items
 from metric_tree.pipeline.ingest import SHARDS, Block, blocks, ingest_block, raw_files, unpack
-from metric_tree.pipeline.shards import MAX_PARTITION_ROWS, repeated_rows, shard_medians, sibling_references
+from metric_tree.pipeline.shards import MAX_PARTITION_ROWS, repeated_rows, shard_sizes, sibling_references, units
 from metric_tree.pipeline.tables import (
     PROJECT_SOURCES,
     evidence_counts,
@@ -285,9 +285,10 @@ def clean(run: BuildRun, n_rows: int) -> tuple[dict[str, NodeClass], Counter[str
     calls: Iterable[Any] = ((folder, partition, n_partitions) for partition in range(n_partitions))
     repeats = run.map("repeats", repeated_rows, calls, n_partitions, {"places": ".arrow"})
     counts = Counter({"repeated_id": sum(result.count for result in repeats)})
-    parts = run.map("medians", shard_medians, ((folder, shard) for shard in range(SHARDS)), SHARDS)
-    medians = {node_id: median for part in parts for node_id, median in part.items()}
-    siblings = sibling_references(medians, run.taxonomy().categories())
+    sizes = list(run.map("sizes", shard_sizes, ((folder, shard) for shard in range(SHARDS)), SHARDS))
+    all_sizes = {node_id: node for shard in sizes for node_id, node in shard.items()}
+    siblings = sibling_references(all_sizes, run.taxonomy().categories())
+    references = {node_id: node.reference or siblings.get(node_id) for node_id, node in all_sizes.items()}
     terms = {
         source.id: (source.licence, source.attribution)
         for source in (*run.declared.values(), *PROJECT_SOURCES.values())
@@ -295,13 +296,23 @@ def clean(run: BuildRun, n_rows: int) -> tuple[dict[str, NodeClass], Counter[str
     }
     terms |= {source: (PRIVATE_LICENCE, source) for source in run.options.private}
     ids = frozenset(run.carried.table("items")["item_id"].to_pylist()) if run.carried else None
-    calls = ((folder, shard, terms, siblings, ids) for shard in range(SHARDS))
-    spilled = {"items": ".items", "refused": ".refused", "rows": ".classes"}
-    classes: dict[str, NodeClass] = {}
-    for result in run.map("clean", clean_shard, calls, SHARDS, spilled):
-        classes |= {one.node_id: one for one in result.classes}
+    common = [name_words(node_id for node_id, node in shard.items() if node.n_ids) for shard in sizes]
+    every_unit = [unit for shard, nodes in enumerate(sizes) for unit in units(shard, nodes)]
+    calls = (
+        (folder, unit, terms, {node_id: references[node_id] for node_id in unit.nodes}, common[unit.shard], ids)
+        for unit in every_unit
+    )
+    names = [f"{unit.shard:03d}-{number:07d}" for number, unit in enumerate(every_unit)]
+    spilled = {"items": ".items", "refused": ".refused", "rows": ".rows"}
+    n_by_evidence = [dict[str, Counter[tuple[str, str]]]() for _ in range(SHARDS)]
+    cleaned = run.map("clean", clean_unit, calls, len(every_unit), spilled, names)
+    for unit, result in zip(every_unit, cleaned, strict=True):
         counts += result.counts
-    return classes, counts
+        for node_id, numbers in result.n_by_evidence.items():
+            n_by_evidence[unit.shard].setdefault(node_id, Counter()).update(numbers)
+    calls = ((folder, shard, n_by_evidence[shard]) for shard in range(SHARDS))
+    parts = run.map("classes", shard_classes, calls, SHARDS, {"rows": ".classes"})
+    return {one.node_id: one for part in parts for one in part.classes}, counts
 
 
 def pool(classes: Mapping[str, NodeClass], hierarchy: Hierarchy) -> tuple[EvidenceModel, ContextModel]:
@@ -330,7 +341,7 @@ def fit(
     parents = {category.node_id: category.parent_id or "" for category in hierarchy.categories}
     by_parent = hierarchy.beliefs(m for one in classes.values() for m in one.all_moments)
     beliefs = {node_id: by_parent[parents[node_id], one.moments.axes] for node_id, one in classes.items()}
-    files = sorted(run.work.directory.glob("clean-*.classes"))
+    files = sorted(run.work.directory.glob("classes-*.classes"))
     options = run.options
     calls = ((path, beliefs, families, model, options.seed, options.heldout) for path in files)
     fitted = {prior.node_id: prior for priors in run.map("fit", class_priors, calls, SHARDS) for prior in priors}

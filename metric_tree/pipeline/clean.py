@@ -1,12 +1,13 @@
-"""Clean one shard of a build (step 2) and fit the priors of its classes (step 4)."""
+"""Clean the units of a build, compute its classes (step 2), and fit their priors (step 4)."""
 
 from __future__ import annotations
 
 import pickle
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +17,8 @@ from numpy.typing import NDArray
 
 from metric_base.arrays import FloatArray
 from metric_tree.axes import AXES, EXTENTS, axis_assignments
-from metric_tree.checks.duplicates import duplicates, size_codes
-from metric_tree.checks.unit_errors import Reference, class_reference, unit_error_factors
+from metric_tree.checks.duplicates import duplicates, extent_codes
+from metric_tree.checks.unit_errors import Reference, unit_error_factors
 from metric_tree.fit.class_prior import class_prior
 from metric_tree.fit.contexts import ContextMean, context_means
 from metric_tree.fit.evidence_model import EvidenceModel
@@ -34,8 +35,8 @@ from metric_tree.fit.rows import (
     matrix_of_lists,
     without_open_numbers,
 )
-from metric_tree.pipeline.ingest import refusal
-from metric_tree.pipeline.shards import shard_rows
+from metric_tree.pipeline.ingest import ROWS, refusal
+from metric_tree.pipeline.shards import Unit, hash_ranks, unit_rows
 from metric_tree.prior import Prior
 from metric_tree.release.schema import ITEMS
 
@@ -47,10 +48,15 @@ MAX_FIT_ROWS = 200
 MAX_TITLE_WORDS = 8
 #: Kinds of these titles. Museums, standards and judged ranges have titles of their own, documents and reasons.
 SHORT_TITLES = frozenset({"product", "measured", "asset"})
-#: Maximum number of rows of several nodes, and approximate number of rows in which duplicates are searched, at once.
+#: Maximum number of rows that are compared with their class, and among which duplicates are searched, at once.
 MAX_GROUP_ROWS = 20_000
+#: Maximum number of rows of a class that determine its contexts and its correlation over rooms: the rows with the
+#: lowest hashes.
+MAX_CLASS_ROWS = 20_000
 #: Flag of rows whose size may be the size of the package.
 PACKAGE = "suspect_package"
+#: Rows of which a class is made.
+CLASS_ROWS = pa.schema([field for field in ROWS if field.name not in {"item_id", "source_id", "url", "attribution"}])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,81 +80,118 @@ class NodeClass:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CleanShard:
-    """Result of step 2 for a shard, as bytes that the work folder stores."""
+class CleanUnit:
+    """Result of step 2 for a unit, with bytes that the work folder stores."""
 
     items: bytes  #: Arrow file of `ITEMS`, the items that may be shipped.
-    classes: tuple[NodeClass, ...]
-    rows: bytes  #: Pickled rows for the fits, one `ClassRows` for each class.
+    rows: bytes  #: Arrow file of rows for the classes; a batch is a node.
     refused: bytes  #: Lines of the quarantine file.
     counts: Counter[str]  #: Refused rows by reason.
+    n_by_evidence: Mapping[str, Counter[tuple[str, str]]]  #: Accepted rows of each node by source and kind.
 
 
-def clean_shard(
+@dataclass(frozen=True, slots=True, eq=False)
+class ShardClasses:
+    """Classes of the nodes of a shard."""
+
+    classes: tuple[NodeClass, ...]
+    rows: bytes  #: Pickled rows for the fits, one `ClassRows` for each class.
+
+
+def clean_unit(
     folder: Path,
-    shard: int,
+    unit: Unit,
     terms: Mapping[str, tuple[str, str]],
-    siblings: Mapping[str, Reference],
+    references: Mapping[str, Reference | None],
+    common: frozenset[str],
     carried: frozenset[str] | None = None,
-) -> CleanShard:
-    """Remove repeats and unit errors from a shard, and compute the moments of its classes.
+) -> CleanUnit:
+    """Remove repeats and unit errors from a unit, and select the rows of which its classes are made.
 
     Parameters
     ----------
     folder : Path
         Work folder with the ingested rows.
-    shard : int
-        Number of the shard.
+    unit : Unit
+        Nodes of a shard, or a part of a node.
     terms : mapping
         Licence and attribution of each source whose rows may be redistributed.
-    siblings : mapping
-        Reference sizes of nodes with few rows, from their siblings.
+    references : mapping
+        Reference sizes of the nodes of the unit, None without.
+    common : frozenset of str
+        Words of the names of categories, which identify no product.
     carried : frozenset of str, optional
         Ids of the items of an earlier release. If given, exactly these items are kept, and the checks are skipped.
     """
-    table = shard_rows(folder, shard)
-    table = table.take(pc.sort_indices(table, [("node_id", "ascending"), ("item_id", "ascending")]))
-    groups = _groups_of_nodes(table)
-    names = table["node_id"].unique().to_pylist()
-    common = frozenset(word for name in names for word in name.partition(".")[0].replace("mt:", "").split("_"))
-    lines: list[str] = []
-    counts: Counter[str] = Counter()
-    classes: list[tuple[NodeClass, ClassRows]] = []
-    items = [ITEMS.empty_table()]
-    for first, last in groups:
-        rows = table.slice(first, last - first)
-        axes = [rows[f"{axis}_mm"].to_numpy(zero_copy_only=False) for axis in AXES]
-        sizes = np.column_stack([np.column_stack(axes).astype(float), extents_of(rows)])  # (n, 6) mm
-        if carried is None:
-            reasons = _refusal_reasons(rows, sizes, frozenset(terms), siblings, common)
-        else:
-            reasons = ["" if item_id in carried else "not_carried" for item_id in rows["item_id"].to_pylist()]
-        good = np.array([not reason for reason in reasons], dtype=bool)
-        refused_reasons = [reason for reason in reasons if reason]
-        lines += _refused_lines(rows.filter(pa.array(~good)), refused_reasons)
-        counts.update(reason.partition(":")[0] for reason in refused_reasons)
-        rows, sizes = rows.filter(pa.array(good)), sizes[good]
-        classes += [_node_class(rows.take(pa.array(one)), sizes[one]) for one in _rows_by_node(rows)]
-        items.append(_shipped_items(rows, terms))
-    del table
+    rows = unit_rows(folder, unit)
+    if carried is None:
+        reasons = _refusal_reasons(rows, _sizes(rows), frozenset(terms), references, common)
+    else:
+        reasons = ["" if item_id in carried else "not_carried" for item_id in rows["item_id"].to_pylist()]
+    good = np.array([not reason for reason in reasons], dtype=bool)
+    refused_reasons = [reason for reason in reasons if reason]
+    lines = _refused_lines(rows.filter(pa.array(~good)), refused_reasons)
+    counts = Counter(reason.partition(":")[0] for reason in refused_reasons)
+    rows = rows.filter(pa.array(good))
+    n_by_evidence = {}
     sink = pa.BufferOutputStream()
-    with pa.ipc.new_file(sink, ITEMS) as writer:
-        writer.write_table(pa.concat_tables(items).combine_chunks())
-    fit_rows = pickle.dumps([rows for _, rows in classes])
-    node_classes = tuple(node_class for node_class, _ in classes)
-    return CleanShard(bytes(sink.getvalue()), node_classes, fit_rows, "".join(lines).encode(), counts)
+    with pa.ipc.new_file(sink, CLASS_ROWS, options=pa.ipc.IpcWriteOptions(compression="zstd")) as writer:
+        for chosen in _rows_by_node(rows):
+            node = rows.slice(int(chosen[0]), len(chosen))
+            pairs = zip(node["source"].to_pylist(), node["kind"].to_pylist(), strict=True)
+            n_by_evidence[node["node_id"][0].as_py()] = Counter(pairs)
+            writer.write_table(_class_sample(node.select(CLASS_ROWS.names)).combine_chunks())
+    items = pa.BufferOutputStream()
+    with pa.ipc.new_file(items, ITEMS) as writer:
+        writer.write_table(_shipped_items(rows, terms).combine_chunks())
+    refused = "".join(lines).encode()
+    return CleanUnit(bytes(items.getvalue()), bytes(sink.getvalue()), refused, counts, n_by_evidence)
 
 
-def _groups_of_nodes(table: pa.Table) -> list[tuple[int, int]]:
-    """Return first row and end of groups of whole nodes of a sorted table, so that memory follows the largest node."""
-    groups: list[tuple[int, int]] = []
-    for rows in _rows_by_node(table):
-        first, last = int(rows[0]), int(rows[-1]) + 1
-        if groups and last - groups[-1][0] <= MAX_GROUP_ROWS:
-            groups[-1] = groups[-1][0], last
-        else:
-            groups.append((first, last))
-    return groups
+def name_words(node_ids: Iterable[str]) -> frozenset[str]:
+    """Return the words of the names of nodes.
+
+    >>> sorted(name_words(["office_chair.n.01", "mt:bench"]))
+    ['bench', 'chair', 'office']
+    """
+    return frozenset(word for name in node_ids for word in name.partition(".")[0].replace("mt:", "").split("_"))
+
+
+def _class_sample(rows: pa.Table) -> pa.Table:
+    """Return at most `MAX_CLASS_ROWS` rows of one node, and `MAX_FIT_ROWS` of each source: the lowest hashes."""
+    if rows.num_rows <= MAX_CLASS_ROWS:
+        return rows
+    is_low = hash_ranks(rows["node_id"], rows["hash"]) < MAX_CLASS_ROWS
+    return rows.filter(pa.array(is_low | (hash_ranks(rows["source"], rows["hash"]) < MAX_FIT_ROWS)))
+
+
+def shard_classes(folder: Path, shard: int, n_by_evidence: Mapping[str, Counter[tuple[str, str]]]) -> ShardClasses:
+    """Compute the classes of a shard from the rows of its units, and the rows of their fits.
+
+    Parameters
+    ----------
+    folder : Path
+        Work folder with the cleaned units.
+    shard : int
+        Number of the shard.
+    n_by_evidence : mapping
+        Number of accepted rows of each node by source and kind.
+    """
+    files = (pa.ipc.open_file(pa.memory_map(str(path))) for path in sorted(folder.glob(f"clean-{shard:03d}-*.rows")))
+    batches = (file.get_batch(number) for file in files for number in range(file.num_record_batches))
+    classes: list[tuple[NodeClass, ClassRows]] = []
+    for node_id, parts in groupby(batches, key=lambda batch: batch["node_id"][0].as_py()):
+        rows = CLASS_ROWS.empty_table()
+        for part in parts:
+            rows = _class_sample(pa.concat_tables([rows, pa.Table.from_batches([part])]))
+        classes.append(_node_class(rows, n_by_evidence[node_id]))
+    return ShardClasses(tuple(one for one, _ in classes), pickle.dumps([rows for _, rows in classes]))
+
+
+def _sizes(table: pa.Table) -> FloatArray:
+    """Return length, width, height and sorted extents of each row, (n, 6) in mm."""
+    axes = [table[f"{axis}_mm"].to_numpy(zero_copy_only=False).astype(float) for axis in AXES]
+    return np.column_stack([*axes, extents_of(table)])
 
 
 def _refused_lines(table: pa.Table, reasons: Sequence[str]) -> list[str]:
@@ -206,7 +249,7 @@ def _refusal_reasons(
     table: pa.Table,
     sizes: FloatArray,
     shipped: frozenset[str],
-    siblings: Mapping[str, Reference],
+    references: Mapping[str, Reference | None],
     common: frozenset[str],
 ) -> list[str]:
     """Return the rejection reason of each row, empty if it is accepted. Unit errors are found before duplicates.
@@ -222,8 +265,8 @@ def _refusal_reasons(
         Length, width, height and the sorted extents in mm.
     shipped : frozenset of str
         Sources whose rows may be redistributed.
-    siblings : mapping
-        Reference sizes of nodes with few rows, from their siblings.
+    references : mapping
+        Reference sizes of the nodes, None without.
     common : frozenset of str
         Words of the names of categories.
     """
@@ -232,7 +275,7 @@ def _refusal_reasons(
     is_real, node = ~np.isin(_strings(table, "kind"), sorted(STATEMENTS)), table["node_id"]
     for rows in _rows_by_node(table):
         real = rows[is_real[rows]]
-        reference = class_reference(extents[real]) or siblings.get(node[int(rows[0])].as_py())
+        reference = references[node[int(rows[0])].as_py()]
         if reference is None or not len(real):
             continue
         for some in np.array_split(real, 1 + len(real) // MAX_GROUP_ROWS):
@@ -240,7 +283,7 @@ def _refusal_reasons(
                 if factor != 1.0:
                     reasons[row] = f"unit_slip: {factor:g}" if np.isfinite(factor) else "far_outlier"
     remaining = np.array([row for row, reason in enumerate(reasons) if not reason], dtype=np.intp)
-    hashes = size_codes(extents[remaining]) @ np.array([1, 1_000_003, 1_000_003**2])
+    hashes = extent_codes(extents[remaining])
     _, code, counts = np.unique(hashes, return_inverse=True, return_counts=True)
     is_repeated = counts[code] > 1
     remaining, hashes = remaining[is_repeated], hashes[is_repeated]
@@ -256,8 +299,9 @@ def _refusal_reasons(
     return reasons
 
 
-def _node_class(table: pa.Table, sizes: FloatArray) -> tuple[NodeClass, ClassRows]:
-    """Return the class of the rows of one node, sizes (n, 6) in mm, and its rows for the fit."""
+def _node_class(table: pa.Table, n_by_evidence: Counter[tuple[str, str]]) -> tuple[NodeClass, ClassRows]:
+    """Return the class of one node and its rows for the fit, from a sample of its rows and the numbers of all rows."""
+    sizes = _sizes(table)
     node_id, pose = table["node_id"][0].as_py(), table["pose"][0].as_py()
     source, kind = _strings(table, "source"), _strings(table, "kind")
     scene = np.array([text or "" for text in table["scene"].to_pylist()], dtype=str)
@@ -265,14 +309,14 @@ def _node_class(table: pa.Table, sizes: FloatArray) -> tuple[NodeClass, ClassRow
     # rooms.
     rooms = np.array([text.partition("/")[0] for text in scene.tolist()], dtype=str)
     origin = np.where(rooms != "", rooms, source)
-    is_real = ~np.isin(kind, sorted(STATEMENTS))
-    n_by_source = Counter(source[is_real].tolist())
+    n_by_source, n_by_kind = Counter[str](), Counter[str]()
+    for (source_id, kind_of_rows), count in n_by_evidence.items():
+        n_by_kind[kind_of_rows] += count
+        if kind_of_rows not in STATEMENTS:
+            n_by_source[source_id] += count
 
     # 1. The rows of the fit: at most MAX_FIT_ROWS per source, without suspected packages if there are other rows.
-    order = np.lexsort((table["hash"].to_numpy(), source))
-    _, starts, counts = np.unique(source[order], return_index=True, return_counts=True)
-    rank = np.arange(len(source)) - np.repeat(starts, counts)
-    fit = np.sort(order[rank < MAX_FIT_ROWS])
+    fit = np.flatnonzero(hash_ranks(table["source"], table["hash"]) < MAX_FIT_ROWS)
     flags = table["flags"].take(pa.array(fit)).to_pylist()
     is_package: NDArray[np.bool_] = np.array([PACKAGE in (row or ()) for row in flags], dtype=bool)
     if (~is_package & np.isin(kind[fit], sorted(STRONG | {JUDGED}))).any():
@@ -291,7 +335,7 @@ def _node_class(table: pa.Table, sizes: FloatArray) -> tuple[NodeClass, ClassRow
         sd = np.where(is_extent.any(axis=2), sd, np.nan)
         names = tuple(origin[fit].tolist()), tuple(kind[fit].tolist())
         scene_share = _scene_share(scene[fit])
-        frames.append(ClassRows(node_id, axes, np.log(x), owner, *names, sd, int(is_real.sum()), scene_share))
+        frames.append(ClassRows(node_id, axes, np.log(x), owner, *names, sd, n_by_source.total(), scene_share))
     pose_rows = without_open_numbers(frames[0])
 
     # 3. Moments, correlation over rooms, and contexts.
@@ -303,7 +347,7 @@ def _node_class(table: pa.Table, sizes: FloatArray) -> tuple[NodeClass, ClassRow
         moments(pose_rows),
         None if pose == "any" else extent_moments(frames[1]),
         dict(n_by_source),
-        dict(Counter(kind.tolist())),
+        dict(n_by_kind),
         dict(zip(source.tolist(), kind.tolist(), strict=True)),
         class_correlation(logs, source, scene),
         context_means(logs, origin, kind, *places, _scene_share(scene)),

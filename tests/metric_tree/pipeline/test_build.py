@@ -13,6 +13,7 @@ from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from crawler.items import RawItem
@@ -23,7 +24,7 @@ from metric_tree.checks.release_files import findings
 from metric_tree.fit.class_prior import NEW_SOURCE
 from metric_tree.fit.rows import EVIDENCE
 from metric_tree.pipeline import build as build_module
-from metric_tree.pipeline import ingest
+from metric_tree.pipeline import clean, ingest, shards
 from metric_tree.pipeline.build import BuildOptions, build_release, ingest_part
 from metric_tree.pipeline.clean import short_title
 from metric_tree.pipeline.ingest import is_held_out, widened_sd
@@ -240,7 +241,7 @@ def test_an_interrupted_build_leaves_no_release_and_takes_up_where_it_was(tmp_pa
     done = []
     monkeypatch.setattr(build_module, "class_priors", lambda *a: done.append(a) or real(*a))
     monkeypatch.setattr(build_module, "ingest_block", None)  # would fail if called again
-    monkeypatch.setattr(build_module, "clean_shard", None)
+    monkeypatch.setattr(build_module, "clean_unit", None)
     again = build(raw, tmp_path / "release").release
     assert len(done) < build_module.SHARDS
     assert files_of(again.directory) == files_of(release.directory)
@@ -291,6 +292,22 @@ def test_parts_at_the_same_time_and_a_last_build_have_the_bytes_of_one_process(t
     assert not work.exists()
 
 
+def test_a_build_whose_nodes_are_divided_has_the_same_items_and_sizes(tmp_path, monkeypatch, release):
+    """Units of ten rows, of which the classes take 5 rows or `MAX_FIT_ROWS` of each source: here all."""
+    monkeypatch.setattr(shards, "MAX_UNIT_ROWS", 10)
+    monkeypatch.setattr(clean, "MAX_CLASS_ROWS", 5)
+    divided = build(written(tmp_path / "raw.jsonl", synthetic_items()), tmp_path / "release").release
+    assert divided.manifest["counts"] == release.manifest["counts"]
+    assert divided.manifest["sources"] == release.manifest["sources"]
+    items, expected = (
+        one.table("items").sort_by([("node_id", "ascending"), ("item_id", "ascending")]) for one in (divided, release)
+    )
+    assert items.equals(expected)
+    for row, other in zip(divided.table("priors").to_pylist(), release.table("priors").to_pylist(), strict=True):
+        assert row["node_id"] == other["node_id"]
+        assert np.allclose(np.ravel(row["means"]), np.ravel(other["means"]), atol=1e-6, equal_nan=True)
+
+
 def test_a_part_of_another_build_is_refused(tmp_path):
     raw = written(tmp_path / "raw.jsonl", synthetic_items())
     more = {"taxonomy": small_taxonomy, "declared": SOURCES}
@@ -326,7 +343,7 @@ def test_a_store_that_fails_keeps_the_work(tmp_path, release, monkeypatch):
 
 def test_another_input_does_not_take_up_old_work(tmp_path, monkeypatch):
     raw = written(tmp_path / "raw.jsonl", synthetic_items())
-    monkeypatch.setattr(build_module, "clean_shard", None)
+    monkeypatch.setattr(build_module, "clean_unit", None)
     with pytest.raises(TypeError):
         build(raw, tmp_path / "release")
     monkeypatch.undo()

@@ -9,8 +9,9 @@ import numpy as np
 import pyarrow as pa
 
 from metric_tree.checks.duplicates import duplicates, size_codes
-from metric_tree.pipeline.clean import PACKAGE, clean_shard
+from metric_tree.pipeline.clean import PACKAGE, clean_unit, shard_classes
 from metric_tree.pipeline.ingest import ROWS
+from metric_tree.pipeline.shards import Unit
 
 # Published values, written out so that a changed rule fails a test.
 MAX_FIT_ROWS = 200
@@ -82,9 +83,10 @@ def test_a_source_has_at_most_two_hundred_rows_in_a_fit_and_a_suspected_package_
         rows.append(row | {"hash": number, "source_id": str(number), "flags": [PACKAGE] if number == 202 else []})
     with pa.ipc.new_file(tmp_path / "ingest-0000000.arrow", ROWS) as writer:
         writer.write_batch(pa.RecordBatch.from_pylist(rows, schema=ROWS))
-    shard = clean_shard(tmp_path, 0, {}, {})
-    assert shard.counts == {}
-    [fit] = pickle.loads(shard.rows)
+    unit = clean_unit(tmp_path, Unit(0, ("n",)), {}, {"n": None}, frozenset())
+    assert unit.counts == {}
+    (tmp_path / "clean-000-0000000.rows").write_bytes(unit.rows)
+    [fit] = pickle.loads(shard_classes(tmp_path, 0, unit.n_by_evidence).rows)
     assert Counter(fit.sources) == {"a": MAX_FIT_ROWS, "b": 1}
     assert (MAX_FIT_ROWS, fit.n) == (200, 203)
 

@@ -1,13 +1,14 @@
 """Two crawl workers with one Redis: memory against pages, and kills at random moments.
 
-    python -m benchmarks.crawler.workers --products 2500 25000
+    python -m benchmarks.crawler.workers --products 2500 26000
     python -m benchmarks.crawler.workers --products 300 --kills 10
 
 The synthetic site, the workers and Redis are separate processes. A kill is SIGKILL of worker one, worker two or Redis
 in turn, after 0 to 6 s of work of both workers; Redis (`--appendonly yes`) restarts from its disk, and workers that
 ended continue with `--resume`. The output states the longest time without a finished page, and the peak memory of each
 worker and the memory of Redis after every tenth of the pages (a product has four). Each item of the site must be found
-with its size; without kills no page is requested twice.
+with its size; without kills no page is requested twice. A crawl follows at most 120 consecutive listings, so that it
+starts at every hundredth.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from benchmarks.child import _peak_kib, ours
 from benchmarks.common import options_parser
 from benchmarks.crawler.crawl import ServedShop, _against_truth
 from tests.crawler.conftest import RedisServer
-from tests.synthetic.synthetic_site import Shop
+from tests.synthetic.synthetic_site import PRODUCTS_PER_LISTING, Shop
 
 WORKERS = ("one", "two")
 #: Maximum time between two kills in seconds.
@@ -70,7 +71,7 @@ def crawl(shop: Shop, folder: Path, kills: int, seed: int) -> None:
                 if process is not None and process.poll() == 0:
                     ended.add(worker)
                 elif process is None or process.poll() is not None:
-                    running[worker] = start(served.base, folder, server.url, worker)
+                    running[worker] = start(shop, served.base, folder, server.url, worker)
             moment = time.monotonic() + generator.uniform(0.0, MAX_WAIT_S)
             while time.monotonic() < moment:
                 peak_kib = max([peak_kib, *(_peak_kib(process.pid) for process in running.values())])
@@ -109,9 +110,11 @@ def memory_of(running: Mapping[str, subprocess.Popen[bytes]], store: redis.Redis
     return ", ".join(f"{name} {size:.0f}" for name, size in sizes.items())
 
 
-def start(base: str, folder: Path, address: str, worker: str) -> subprocess.Popen[bytes]:
+def start(shop: Shop, base: str, folder: Path, address: str, worker: str) -> subprocess.Popen[bytes]:
     """Start a worker, which continues its work of an earlier run."""
-    words = ["crawl", "generic", "--out", folder / "out", "--start-url", f"{base}/list/0", "--contact", "a@example.org"]
+    words = ["crawl", "generic", "--out", folder / "out", "--contact", "a@example.org"]
+    for listing in range(0, shop.products // PRODUCTS_PER_LISTING + 1, 100):
+        words += ["--start-url", f"{base}/list/{listing}"]
     words += ["--delay", 0, "--private", "--json", "--redis", address, "--worker", worker]
     words += ["--resume"] if (folder / "out" / worker / "frontier.sqlite").exists() else []
     with (folder / f"{worker}.log").open("ab") as log:

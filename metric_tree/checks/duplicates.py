@@ -29,8 +29,12 @@ def size_codes(sizes: FloatArray) -> NDArray[np.int64]:
 
 
 def extent_codes(extents: FloatArray) -> NDArray[np.int64]:
-    """Return an integer (n,) of the extents (n, 3) in mm of each row, which is equal for duplicates."""
-    return np.asarray(size_codes(extents) @ np.array([1, 1_000_003, 1_000_003**2]))
+    """Return an integer (n,) of the extents (n, 3) in mm of each row, which is equal for duplicates.
+
+    The sizes of one class are close, so that the code is spread by multiplicative hashing (Knuth 1998, 6.4).
+    """
+    codes = size_codes(extents) @ np.array([1, 1_000_003, 1_000_003**2])
+    return np.asarray((codes.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15) >> np.uint64(24)).astype(np.int64))
 
 
 def duplicates(

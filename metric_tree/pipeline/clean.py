@@ -36,7 +36,7 @@ from metric_tree.fit.rows import (
     without_open_numbers,
 )
 from metric_tree.pipeline.ingest import ROWS, refusal
-from metric_tree.pipeline.shards import Unit, hash_ranks, unit_rows
+from metric_tree.pipeline.shards import MAX_UNIT_ROWS, Unit, hash_ranks, unit_rows
 from metric_tree.prior import Prior
 from metric_tree.release.schema import ITEMS
 
@@ -289,7 +289,7 @@ def _refusal_reasons(
     remaining, hashes = remaining[is_repeated], hashes[is_repeated]
     n_partitions = 1 + len(remaining) // MAX_GROUP_ROWS
     for number in range(n_partitions):
-        rows = remaining[hashes % n_partitions == number]
+        rows = remaining[hashes // MAX_UNIT_ROWS % n_partitions == number]  # the remainder divides large nodes
         chosen = table.select(["item_id", "node_id", "source", "kind", "title"]).take(pa.array(rows))
         ids, nodes, source, kind, title = (column.to_pylist() for column in chosen.columns)
         repeats = duplicates(nodes, sizes[rows], source, kind, title, [name in shipped for name in source], common)

@@ -186,8 +186,7 @@ def unit_rows(folder: Path, unit: Unit) -> pa.Table:
     for batch, is_first in shard_batches(folder, unit.shard, ROWS.names):
         rows = pa.Table.from_batches([batch]).filter(pc.and_(pc.is_in(batch["node_id"], nodes), pa.array(is_first)))
         if unit.n_parts > 1:
-            codes = extent_codes(extents_of(rows)) // MAX_UNIT_ROWS  # the lower digits divide the rows of a unit again
-            rows = rows.filter(pa.array(codes % unit.n_parts == unit.part))
+            rows = rows.filter(pa.array(extent_codes(extents_of(rows)) % unit.n_parts == unit.part))
         parts.append(rows)
     table = pa.concat_tables(parts)
     return table.take(pc.sort_indices(table, [("node_id", "ascending"), ("item_id", "ascending")]))

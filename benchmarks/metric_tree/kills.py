@@ -1,6 +1,6 @@
 """Kill the processes of a build on Dask at random moments: `python -m benchmarks.metric_tree.kills [--kills 10]`.
 
-The raw items (10,000 rows by default) are on an S3 server (moto). Server, Dask scheduler, two Dask workers and client
+The raw items (2,000 rows by default) are on an S3 server (moto). Server, Dask scheduler, two Dask workers and client
 are separate processes. Each round starts the client, kills one of these at a random moment of a build with SIGKILL, and
 starts it again after a second; a client that ended with an error is started again, too. The release must have the bytes
 of a build in one process. The server has no disk: after a kill it gets the same raw items again. Needs moto and s3fs.
@@ -28,8 +28,8 @@ from tests.synthetic.small_taxonomy import small_taxonomy
 VICTIMS = ("client", "worker 1", "worker 2", "scheduler", "store")
 #: Maximum duration of a client in seconds, and maximum number of its starts in a round.
 LIMIT_S, MAX_STARTS = 300.0, 6
-#: Size of a block in bytes: 10,000 rows are 24 blocks.
-BLOCK_BYTES = "200000"
+#: Size of a block in bytes: 2,000 rows are 24 blocks.
+BLOCK_BYTES = "40000"
 #: Time between a kill and the new start in seconds.
 PAUSE_S = 1.0
 
@@ -108,7 +108,7 @@ class Cluster:
 def main() -> None:
     """Print a row per victim."""
     parser = options_parser(__doc__)
-    parser.add_argument("--rows", type=int, default=10_000)
+    parser.add_argument("--rows", type=int, default=2_000)
     parser.add_argument("--kills", type=int, default=10, help="number of kills of each process")
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
@@ -122,16 +122,19 @@ def main() -> None:
         check(folder, expected.release.directory)
         n_rows = sum(1 for _ in raw.open())
         print(f"{n_rows:,} rows, {seconds:.0f} s without a kill, seed {options.seed}", flush=True)
-        print("killed | kills | equal bytes | starts of the client | longest s", flush=True)
+        print("killed | kills | equal bytes | starts of the client | longest s | moments of the kills in s", flush=True)
         for victim in VICTIMS:
-            starts, longest, kills = Counter[int](), 0.0, 0
-            while kills < options.kills:
-                taken, n_starts, was_killed = cluster.run_client(victim, generator.uniform(0.0, seconds))
+            starts, longest, moments = Counter[int](), 0.0, list[float]()
+            while len(moments) < options.kills:
+                moment = generator.uniform(0.0, seconds)
+                taken, n_starts, was_killed = cluster.run_client(victim, moment)
                 check(folder, expected.release.directory)
                 if was_killed:
-                    kills, longest = kills + 1, max(longest, taken)
+                    longest = max(longest, taken)
+                    moments.append(round(moment, 1))
                     starts[n_starts] += 1
-            print(f"{victim} | {kills} | {kills} | {dict(sorted(starts.items()))} | {longest:.0f}", flush=True)
+            columns = [victim, len(moments), len(moments), dict(sorted(starts.items())), round(longest), moments]
+            print(" | ".join(map(str, columns)), flush=True)
     finally:
         cluster.close()
     shutil.rmtree(folder)

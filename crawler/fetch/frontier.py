@@ -91,6 +91,9 @@ class Frontier(Protocol):
     def renew(self) -> None:
         """Extend the leases of the tasks of this process, if they expire."""
 
+    def reserve(self, host: str, delay: float) -> float:
+        """Reserve a moment `delay` seconds after the last one of a host over all workers; return the seconds to it."""
+
     def put_back(self, task: Task) -> None:
         """Return a leased task, perhaps with another address (a redirect) or other values (a retry)."""
 
@@ -178,6 +181,10 @@ class FailFastFrontier:
     def renew(self) -> None:
         """Extend the leases of the tasks of this process."""
         self.call_or(None, self._frontier.renew)
+
+    def reserve(self, host: str, delay: float) -> float:
+        """Reserve the next moment for a request to a host; return the seconds until then."""
+        return self.call_or(0.0, lambda: self._frontier.reserve(host, delay))
 
     def put_back(self, task: Task) -> None:
         """Return a leased task."""

@@ -69,6 +69,13 @@ end
 return count
 """
 
+# KEYS: pace of a site. ARGV: now, delay, both in milliseconds.
+_RESERVE = """
+local start = math.max(tonumber(redis.call('GET', KEYS[1]) or 0), tonumber(ARGV[1]))
+redis.call('SET', KEYS[1], string.format('%.0f', start + ARGV[2]), 'EX', 3600)
+return start - ARGV[1]
+"""
+
 #: Keys of a crawl in Redis; `refused` has the reasons of tasks that a resume with other options adds again.
 _PARTS = ("seen", "tasks", "queue", "leases", "done", "failed", "refused", "origin")
 
@@ -88,6 +95,7 @@ class RedisFrontier:
         self._add = self._redis.register_script(_ADD)
         self._lease = self._redis.register_script(_LEASE)
         self._reopen = self._redis.register_script(_REOPEN)
+        self._reserve = self._redis.register_script(_RESERVE)
         self._lease_seconds = lease_seconds
         self._clock_offset: float = seconds + microseconds / 1e6 - time.monotonic()
         self._leased: set[str] = set()
@@ -122,6 +130,11 @@ class RedisFrontier:
     def _now(self) -> float:
         """Return the time of the server in seconds, so that the clocks of the workers may differ."""
         return time.monotonic() + self._clock_offset
+
+    def reserve(self, host: str, delay: float) -> float:
+        """Reserve the next moment for a request to a host over all workers; return the seconds until then."""
+        keys = [f"{self._keys['origin']}:{host}"]
+        return int(self._reserve(keys=keys, args=[round(1000 * self._now()), round(1000 * delay)])) / 1000
 
     def put_back(self, task: Task) -> None:
         """Return a leased task, perhaps changed."""

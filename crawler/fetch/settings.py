@@ -53,6 +53,7 @@ def crawl_settings(
     guards = {
         "crawler.fetch.middlewares.GuardMiddleware": 40,
         "crawler.fetch.middlewares.BanMiddleware": 560,
+        "crawler.fetch.middlewares.PaceMiddleware": 950,  # next to the download, after the cache and robots.txt
         "crawler.fetch.middlewares.RefusedHostMiddleware": 570,  # closer to the download than Scrapy's retries
     }
     own = {

@@ -60,6 +60,10 @@ class SqliteFrontier:
     def renew(self) -> None:
         """Do nothing: leases end with the process."""
 
+    def reserve(self, _host: str, _delay: float) -> float:
+        """Return 0: Scrapy respects the delay of one process."""
+        return 0.0
+
     def put_back(self, task: Task) -> None:
         """Return a leased task, perhaps changed."""
         self._connection.execute(

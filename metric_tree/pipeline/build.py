@@ -37,7 +37,7 @@ from metric_tree.fit.contexts import class_contexts, fit_context_model
 from metric_tree.fit.evidence_model import EvidenceModel, fit_evidence_model
 from metric_tree.fit.rows import KIND_WEIGHT
 from metric_tree.pipeline.build_report import build_report
-from metric_tree.pipeline.clean import NodeClass, class_priors, clean_unit, name_words, shard_classes
+from metric_tree.pipeline.clean import NodeClass, class_priors, clean_unit, shard_classes
 from metric_tree.pipeline.companion_files import (
     add_images,
     height_records,
@@ -296,7 +296,11 @@ def clean(run: BuildRun, n_rows: int) -> tuple[dict[str, NodeClass], Counter[str
     }
     terms |= {source: (PRIVATE_LICENCE, source) for source in run.options.private}
     ids = frozenset(run.carried.table("items")["item_id"].to_pylist()) if run.carried else None
-    common = [name_words(node_id for node_id, node in shard.items() if node.n_ids) for shard in sizes]
+    names_of = (
+        [node_id.partition(".")[0].replace("mt:", "") for node_id, node in shard.items() if node.n_ids]
+        for shard in sizes
+    )
+    common = [frozenset("_".join(names).split("_")) for names in names_of]
     every_unit = [unit for shard, nodes in enumerate(sizes) for unit in units(shard, nodes)]
     calls = (
         (folder, unit, terms, {node_id: references[node_id] for node_id in unit.nodes}, common[unit.shard], ids)
@@ -310,8 +314,8 @@ def clean(run: BuildRun, n_rows: int) -> tuple[dict[str, NodeClass], Counter[str
         counts += result.counts
         for node_id, numbers in result.n_by_evidence.items():
             n_by_evidence[unit.shard].setdefault(node_id, Counter()).update(numbers)
-    calls = ((folder, shard, n_by_evidence[shard]) for shard in range(SHARDS))
-    parts = run.map("classes", shard_classes, calls, SHARDS, {"rows": ".classes"})
+    shards = [(folder, shard, numbers) for shard, numbers in enumerate(n_by_evidence) if numbers]
+    parts = run.map("classes", shard_classes, shards, len(shards), {"rows": ".classes"})
     return {one.node_id: one for part in parts for one in part.classes}, counts
 
 
@@ -344,7 +348,7 @@ def fit(
     files = sorted(run.work.directory.glob("classes-*.classes"))
     options = run.options
     calls = ((path, beliefs, families, model, options.seed, options.heldout) for path in files)
-    fitted = {prior.node_id: prior for priors in run.map("fit", class_priors, calls, SHARDS) for prior in priors}
+    fitted = {prior.node_id: prior for priors in run.map("fit", class_priors, calls, len(files)) for prior in priors}
     leaves = {
         node_id: replace(fitted[node_id], norm=one.norm)
         if one.norm

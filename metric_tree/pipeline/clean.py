@@ -5,7 +5,7 @@ from __future__ import annotations
 import pickle
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
@@ -36,7 +36,7 @@ from metric_tree.fit.rows import (
     without_open_numbers,
 )
 from metric_tree.pipeline.ingest import ROWS, refusal
-from metric_tree.pipeline.shards import MAX_UNIT_ROWS, Unit, hash_ranks, unit_rows
+from metric_tree.pipeline.shards import MAX_UNIT_ROWS, Unit, hash_ranks, rows_by_node, unit_rows
 from metric_tree.prior import Prior
 from metric_tree.release.schema import ITEMS
 
@@ -136,7 +136,7 @@ def clean_unit(
     n_by_evidence = {}
     sink = pa.BufferOutputStream()
     with pa.ipc.new_file(sink, CLASS_ROWS, options=pa.ipc.IpcWriteOptions(compression="zstd")) as writer:
-        for chosen in _rows_by_node(rows):
+        for chosen in rows_by_node(rows):
             node = rows.slice(int(chosen[0]), len(chosen))
             pairs = zip(node["source"].to_pylist(), node["kind"].to_pylist(), strict=True)
             n_by_evidence[node["node_id"][0].as_py()] = Counter(pairs)
@@ -146,15 +146,6 @@ def clean_unit(
         writer.write_table(_shipped_items(rows, terms).combine_chunks())
     refused = "".join(lines).encode()
     return CleanUnit(bytes(items.getvalue()), bytes(sink.getvalue()), refused, counts, n_by_evidence)
-
-
-def name_words(node_ids: Iterable[str]) -> frozenset[str]:
-    """Return the words of the names of nodes.
-
-    >>> sorted(name_words(["office_chair.n.01", "mt:bench"]))
-    ['bench', 'chair', 'office']
-    """
-    return frozenset(word for name in node_ids for word in name.partition(".")[0].replace("mt:", "").split("_"))
 
 
 def _class_sample(rows: pa.Table) -> pa.Table:
@@ -273,7 +264,7 @@ def _refusal_reasons(
     reasons = [""] * table.num_rows
     extents = sizes[:, 3:]
     is_real, node = ~np.isin(_strings(table, "kind"), sorted(STATEMENTS)), table["node_id"]
-    for rows in _rows_by_node(table):
+    for rows in rows_by_node(table):
         real = rows[is_real[rows]]
         reference = references[node[int(rows[0])].as_py()]
         if reference is None or not len(real):
@@ -360,13 +351,6 @@ def _scene_share(scene: NDArray[np.str_]) -> FloatArray:
     """Return the reciprocal of the number of rows in the scene of each row, (n,); 1 if the scene is unknown."""
     _, code, counts = np.unique(scene, return_inverse=True, return_counts=True)
     return np.where(scene != "", 1 / counts[code], 1.0)
-
-
-def _rows_by_node(table: pa.Table) -> list[NDArray[np.intp]]:
-    """Return the row indices (k,) of each node of a table that is sorted by node."""
-    codes = pc.dictionary_encode(table["node_id"].combine_chunks()).indices.to_numpy()
-    starts = np.flatnonzero(np.diff(codes, prepend=-1))
-    return np.split(np.arange(len(codes)), starts[1:]) if len(codes) else []
 
 
 def _strings(table: pa.Table, column: str) -> NDArray[np.str_]:

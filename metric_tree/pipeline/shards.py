@@ -101,30 +101,27 @@ def shard_sizes(folder: Path, shard: int) -> dict[str, NodeSizes]:
     """Return the number and the typical sizes of the rows of each node of a shard, which is not in memory at once."""
     n_rows, n_ids = Counter[str](), Counter[str]()
     sample: list[pa.Table] = []
-    names = ["hash", "node_id", "extents_mm", "kind"]
-    n_sampled, max_sampled = 0, 2 * MAX_SAMPLE_ROWS
-    for batch, is_first in shard_batches(folder, shard, names):
-        rows = pa.Table.from_batches([batch])
+    max_sampled = 2 * MAX_SAMPLE_ROWS
+    for batch, is_first in shard_batches(folder, shard, ["hash", "node_id", "extents_mm", "kind"]):
+        rows = pa.Table.from_batches([batch]).append_column("is_first", pa.array(is_first))
         n_rows.update(rows["node_id"].to_pylist())
-        n_ids.update(rows["node_id"].filter(pa.array(is_first)).to_pylist())
-        sample.append(rows.append_column("is_first", pa.array(is_first)))
-        n_sampled += len(batch)
-        if n_sampled > max_sampled:
+        n_ids.update(rows["node_id"].filter(rows["is_first"]).to_pylist())
+        sample.append(rows)
+        if sum(map(len, sample)) > max_sampled:
             sample = [_lowest_hashes(pa.concat_tables(sample))]
-            n_sampled = sample[0].num_rows
-            max_sampled = 2 * MAX_SAMPLE_ROWS + 2 * n_sampled
+            max_sampled = 2 * (MAX_SAMPLE_ROWS + len(sample[0]))
+    sizes: dict[str, NodeSizes] = {}
     if not n_rows:
-        return {}
-    table = _lowest_hashes(pa.concat_tables(sample))
+        return sizes
+    table = _lowest_hashes(pa.concat_tables(sample)).sort_by("node_id")
     is_real = table["is_first"].to_numpy() & ~pc.is_in(table["kind"], pa.array(sorted(STATEMENTS))).to_numpy()
     extents = extents_of(table)
-    sizes = {}
-    for node_id, rows in zip(*_rows_by_text(table["node_id"]), strict=True):
-        logs = np.log(extents[rows])
+    for index in rows_by_node(table):
+        node_id, logs = table["node_id"][int(index[0])].as_py(), np.log(extents[index])
         known = ~np.isnan(logs).all(axis=0)
         median = np.full(3, np.nan)
         median[known] = np.nanmedian(logs[:, known], axis=0)
-        reference = class_reference(extents[rows[is_real[rows]]])
+        reference = class_reference(extents[index[is_real[index]]])
         sizes[node_id] = NodeSizes(n_rows[node_id], n_ids[node_id], median, reference)
     return sizes
 
@@ -144,12 +141,11 @@ def hash_ranks(groups: pa.ChunkedArray, hashes: pa.ChunkedArray) -> NDArray[np.i
     return ranks
 
 
-def _rows_by_text(column: pa.ChunkedArray) -> tuple[list[str], list[NDArray[np.intp]]]:
-    """Return the different texts of a column, and the row indices (k,) of each."""
-    encoded = pc.dictionary_encode(column.combine_chunks())
-    order = np.argsort(encoded.indices.to_numpy(), kind="stable")
-    counts = np.bincount(encoded.indices.to_numpy(), minlength=len(encoded.dictionary))
-    return encoded.dictionary.to_pylist(), np.split(order, np.cumsum(counts)[:-1])
+def rows_by_node(table: pa.Table) -> list[NDArray[np.intp]]:
+    """Return the row indices (k,) of each node of a table that is sorted by node."""
+    codes = pc.dictionary_encode(table["node_id"].combine_chunks()).indices.to_numpy()
+    starts = np.flatnonzero(np.diff(codes, prepend=-1))
+    return np.split(np.arange(len(codes)), starts[1:]) if len(codes) else []
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,15 +163,12 @@ def units(shard: int, sizes: Mapping[str, NodeSizes]) -> list[Unit]:
     found: list[Unit] = []
     room = 0
     for node_id, node in sorted(sizes.items()):
-        n_parts = -(-node.n_rows // MAX_UNIT_ROWS)
-        if n_parts > 1:
-            found += [Unit(shard, (node_id,), part, n_parts) for part in range(n_parts)]
-            room = 0
-        elif node.n_rows <= room:
+        if node.n_rows <= room:
             found[-1] = replace(found[-1], nodes=(*found[-1].nodes, node_id))
             room -= node.n_rows
         else:
-            found.append(Unit(shard, (node_id,)))
+            n_parts = -(-node.n_rows // MAX_UNIT_ROWS)
+            found += [Unit(shard, (node_id,), part, n_parts) for part in range(n_parts)]
             room = MAX_UNIT_ROWS - node.n_rows
     return found
 

@@ -167,6 +167,16 @@ def test_a_lease_that_is_renewed_does_not_expire(tmp_path: Path, redis_url: str)
     other.close()
 
 
+def test_workers_reserve_moments_of_a_site_one_after_another(tmp_path: Path, redis_url: str) -> None:
+    one, two = (RedisFrontier(redis_url, "test", tmp_path / name) for name in ("one", "two"))
+    seconds = [worker.reserve("a.example", 10.0) for worker in (one, two, one, two)]
+    assert seconds[0] == 0.0
+    assert all(10.0 * place - 5.0 < wait <= 10.0 * place for place, wait in enumerate(seconds))
+    assert two.reserve("b.example", 10.0) == 0.0
+    one.close()
+    two.close()
+
+
 def test_work_of_a_killed_worker_resumes_within_a_minute() -> None:
     from scrapy.core.engine import ExecutionEngine
 

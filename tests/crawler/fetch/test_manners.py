@@ -7,11 +7,14 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+import scrapy
+from scrapy.settings import Settings
+from twisted.internet.defer import ensureDeferred, succeed
 from twisted.internet.testing import StringTransport
 from twisted.web._newclient import Request
 from twisted.web.http_headers import Headers
 
-from crawler.fetch.middlewares import BoundedRobotParser
+from crawler.fetch.middlewares import BoundedRobotParser, PaceMiddleware
 from crawler.fetch.network_limits import HeaderLimitFactory
 from crawler.fetch.settings import crawl_settings
 from crawler.sites.registry import GENERIC
@@ -29,6 +32,22 @@ def test_the_declared_delay_is_the_minimum_between_two_requests(chosen: dict[str
     assert settings["RANDOMIZE_DOWNLOAD_DELAY"] is False
     assert settings["AUTOTHROTTLE_ENABLED"]
     assert GENERIC.delay_s == 1.0
+
+
+@pytest.mark.parametrize(("delay", "waits"), [(0.4, [0.8]), (0.0, [])])
+def test_a_request_waits_for_the_moment_that_the_workers_reserve(
+    monkeypatch: pytest.MonkeyPatch, delay: float, waits: list[float]
+) -> None:
+    found: list[float] = []
+    monkeypatch.setattr("twisted.internet.task.deferLater", lambda _, seconds: found.append(seconds) or succeed(None))
+    frontier = SimpleNamespace(reserve=lambda host, seconds: 2 * seconds if host == "a.example" else 0.0)
+    settings = Settings(crawl_settings(contact="tests@example.org", delay=delay))
+    crawler: Any = SimpleNamespace(frontier=frontier, settings=settings)
+    middleware = PaceMiddleware.from_crawler(crawler)
+    for url in ("http://a.example/1", "http://b.example/1"):
+        ensureDeferred(middleware.process_request(scrapy.Request(url)))
+    assert found == waits
+    assert settings["DOWNLOADER_MIDDLEWARES"]["crawler.fetch.middlewares.PaceMiddleware"] > 900  # after the cache
 
 
 def test_a_crawl_has_the_components_of_scrapy_that_it_needs_and_no_others() -> None:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import csv
 import math
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +16,7 @@ import pyarrow.parquet as pq
 
 from metric_base import spelling
 from metric_base.arrays import grouped
+from metric_base.folders import data_folder
 from metric_tree.axes import DIMENSIONS
 from metric_tree.node import AmbiguousName, Meaning, Node, NoPrior, UnknownName, node_of, require_tier
 from metric_tree.prior import QUANTILES, Prior
@@ -23,7 +25,7 @@ from metric_tree.release.release import Release, check_nodes, open_release
 from taxonomy.naming.names import Names
 from taxonomy.naming.resolver import Resolver
 from taxonomy.words.senses import label_votes
-from taxonomy.words.spelling import plain_fold
+from taxonomy.words.spelling import plain_fold, singular_phrases
 
 if TYPE_CHECKING:
     from metric_tree.context import ContextModel
@@ -66,6 +68,14 @@ def quantile_table(entries: Iterable[tuple[dict[str, Any], Prior | None]], label
                     row[f"{dim}_q{round(100 * q):02d}_mm"] = float(f"{mm:.5g}")
         rows.append(row)
     return pa.Table.from_pylist(rows, schema=pa.schema(fields))
+
+
+@cache
+def _first_words_of_variants() -> frozenset[str]:
+    """Return the first folded word of each name of a variant: `metric_tree.variants` takes a third of a query."""
+    with (data_folder() / "curated" / "variants.csv").open(encoding="utf-8", newline="") as file:
+        aliases = [alias for row in csv.DictReader(file) for alias in row["aliases"].split("; ")]
+    return frozenset(plain_fold(alias).partition(" ")[0] for alias in aliases)
 
 
 class Tree:
@@ -238,6 +248,10 @@ class Tree:
         >>> metric_tree.open().stated_meaning("55 inch tv").node.stated.name
         '55 inch'
         """
+        form, has_number = plain_fold(text), _DIGIT.search(text) is not None
+        names = (form, *singular_phrases(form))
+        if not has_number and not any(name.partition(" ")[0] in _first_words_of_variants() for name in names):
+            return None
         from metric_tree.variants import named_variant, quantity_in
 
         variant = named_variant(text)
@@ -246,7 +260,7 @@ class Tree:
             origin = variant.norm or f"{variant.clause}, a {variant.document}"
             note = f"variant {variant.name} of {node.name}: {origin}"
             return Meaning(replace(node, stated=variant.stated, note=note), "variant", math.inf, (), False, note)
-        if not _DIGIT.search(text) or self._resolver.is_name(text) or not (quantity := quantity_in(text)):
+        if not has_number or self._resolver.is_name(text) or not (quantity := quantity_in(text)):
             return None
         match = self._resolver.match(quantity.rest)
         if match is None or match.ambiguous:

@@ -198,3 +198,12 @@ def test_a_variant_has_a_standard_deviation_of_at_least_a_thousandth(tolerance: 
 def test_a_size_of_another_axis_changes_nothing(tree):
     height = tree.find("chair").prior(("height",))
     assert StatedSize("90 cm", {"length": (900.0, 0.01)}).of(height, False) is height
+
+
+def test_every_name_of_a_variant_is_found_and_other_names_need_no_table(tree, monkeypatch):
+    rows = [row for of_node in variants().values() for row in of_node if tree.has_node(row.node_id)]
+    aliases = [alias for row in rows for alias in row.aliases.split("; ") if alias]
+    assert {tree.stated_meaning(alias).how for alias in aliases} == {"variant"}
+    assert tree.stated_meaning("Olympic barbells").how == "variant"
+    monkeypatch.delattr("metric_tree.variants.named_variant")
+    assert tree.stated_meaning("swivel chairs") is None

@@ -88,6 +88,7 @@ class SideVisibility:
     def truncated(self) -> BoolArray:
         """(3, 2) sides that too few views show, or where the masks exceed the points.
 
+        If no view shows both ends of an extent, it is truncated: it is one-sided evidence.
         An extent with `needs_excess` is truncated on both sides if too few views compare the masks with the points at
         either end, because they look along the axis or the end is occluded. For example, only the front of a washing
         machine between cupboards has points, so that its measured depth is too small.
@@ -95,7 +96,9 @@ class SideVisibility:
         n_views = min(MIN_COMPLETE_VIEWS, len(self.is_shown))
         is_short: BoolArray = np.nan_to_num(self.median_excess) > MIN_EXCESS_FRACTION
         is_compared = (np.isfinite(self.excess).sum(axis=0) >= n_views).any(axis=1) | ~self.needs_excess  # (3,)
-        return np.asarray((self.is_shown.sum(axis=0) < n_views) | is_short | ~is_compared[:, None])
+        truncated = (self.is_shown.sum(axis=0) < n_views) | is_short | ~is_compared[:, None]
+        truncated[:, 0] |= ~truncated.any(axis=1) & ~self.is_shown.all(axis=2).any(axis=0)
+        return np.asarray(truncated)
 
 
 def mask_outline(instance: Instance, contour: FloatArray, width: int, height: int) -> MaskOutline:

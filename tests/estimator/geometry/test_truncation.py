@@ -104,6 +104,15 @@ def test_the_back_of_a_table_is_outlined_by_its_top():
     assert not sides.truncated[:2].any()
 
 
+@pytest.mark.parametrize("n_both", [0, 1])
+def test_an_extent_whose_ends_no_view_shows_together_is_truncated(n_both: int) -> None:
+    is_shown = np.zeros((5, 3, 2), dtype=bool)
+    is_shown[:2, :, LOW_END] = is_shown[2:4, :, HIGH_END] = True
+    is_shown[4:] = n_both > 0
+    truncated = SideVisibility(is_shown, np.zeros((5, 3, 2))).truncated
+    assert truncated.any(axis=1).tolist() == [n_both == 0] * 3
+
+
 @pytest.mark.parametrize("n_trimmed", [0, 3])
 def test_a_mask_that_goes_further_than_the_points_says_so(n_trimmed):
     """The top third of a cabinet left no points, or some that the box excludes: its masks show it."""

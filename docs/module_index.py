@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import ast
+import os
 import re
 import textwrap
 from pathlib import Path
@@ -70,15 +71,20 @@ def _limits(tree: ast.Module) -> list[str]:
 
 
 def _tests_of(module: Path, folder: Path) -> list[str]:
-    """Return the names of the test files in a folder that import a module, or have its name."""
+    """Return the test files in a folder that import a module or have its name; if none do, those of its package."""
     name = ".".join(module.relative_to(ROOT).with_suffix("").parts)
     package, _, stem = name.rpartition(".")
     imported = re.compile(rf"\b{re.escape(name)}\b|from {re.escape(package)} import (?:\([^)]*|[^\n(]*)\b{stem}\b")
-    return [
-        file.name
-        for file in sorted(folder.glob("test_*.py"))
-        if file.stem.startswith(f"test_{stem}") or imported.search(file.read_text(encoding="utf-8"))
-    ]
+    elsewhere = [file for file in (ROOT / "tests" / name.partition(".")[0]).rglob("test_*.py") if file.parent != folder]
+    for files in (folder.glob("test_*.py"), elsewhere):
+        found = [
+            os.path.relpath(file, folder)
+            for file in sorted(files)
+            if file.stem.startswith(f"test_{stem}") or imported.search(file.read_text(encoding="utf-8"))
+        ]
+        if found:
+            return found
+    return []
 
 
 def main() -> None:

@@ -57,7 +57,8 @@ __getattr__, __dir__, __all__ = lazy_names(
 #   MIN_GRAVITY, MAX_GRAVITY, MAX_READING_G, MIN_RATE_HZ, MIN_SWING_RMS_M, MIN_PATH_CORRELATION, WINDOW_PARTS,
 #   MIN_LOG_SD, MIN_PATH_RESIDUALS. Tests: test_evidence_formulas.py, test_motion.py.
 # - known_lengths: Known lengths that the user measured: between two points, of an object, or between the middles of two
-#   objects. Limits: DEFAULT_SIGMA, MIN_METRES, MAX_METRES, MIDDLE_ERROR.
+#   objects. Limits: DEFAULT_SIGMA, MIN_METRES, MAX_METRES, MIDDLE_ERROR. Tests:
+#   ../reconstructions/test_known_lengths.py, ../results/test_narrowing.py, ../test_documented_forms.py.
 # - markers: Estimate the scale from printed markers of known size in the images: ArUco, AprilTag, and ChArUco boards.
 #   Limits: CROP_MARGIN, MIN_CROP_MARGIN_PX, MIN_CROP_SIDE_PX, MAX_CROP_SIDE_PX, MAX_CORNER_MOVE, MIN_RAY_ANGLE,
 #   MAX_SQUARES, MIN_LOG_SD, MAX_LOG_SD, MAX_REPROJECTION_ERROR. Tests: test_evidence.py, test_evidence_formulas.py,

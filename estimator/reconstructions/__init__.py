@@ -19,7 +19,7 @@
 #   opensfm/features.py). Tests: test_opensfm.py.
 # - ply: Read dense clouds: PLY files with any scalar properties, and the visibility lists of COLMAP. Limits:
 #   MAX_INT16_VIEWS. Tests: test_ply.py, test_splats.py.
-# - pycolmap_library: Import pycolmap without its side effects.
+# - pycolmap_library: Import pycolmap without its side effects. Tests: ../projection/test_cameras.py.
 # - scene_reader: Find and read a reconstruction in any supported format, and join its dense cloud. Limits:
 #   MAX_FOLDERS_ABOVE_SPLAT, MIN_NEAR_FRACTION, MAX_GAUSSIAN_DISTANCE, MAX_COMPARED_GAUSSIANS, MIN_SEEN_FRACTION,
 #   MAX_LOG_EXTENT_ERROR, MIN_UNIT_DIFFERENCE, MAX_CHECKED_POINTS, MIN_IN_VIEW_FRACTION, MAX_DISTANCE_FACTOR,

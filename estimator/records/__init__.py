@@ -9,7 +9,7 @@ METHODS = ("default", "height", "paper", "sucar")
 # Modules, their limits, and their tests in `tests/estimator/records`:
 # - digests: Digests of the inputs of a result, as they were read: independent of later changes of the files.
 # - network_outputs: Files and conventions of networks that write depths or points with cameras, as found in the code of
-#   each project. Limits: OTHER_NETWORK_SD, TABLETOP_SD, MAX_TABLETOP_M.
+#   each project. Limits: OTHER_NETWORK_SD, TABLETOP_SD, MAX_TABLETOP_M. Tests: ../scene_formats/test_networks.py.
 # - objects: Measured objects of a scene, with their boxes, tracks, vertical and support planes; format `objects/1`.
 #   Limits: ETA_THRESHOLD. Tests: test_result.py.
 # - options: Options of an estimate and of the measurement of objects. Tests: test_result.py.

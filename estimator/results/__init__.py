@@ -14,4 +14,4 @@
 #   test_places.py, test_states.py.
 # - scale_report: Build the result of a method (`build_result`): a report for each object, its verdict and reason, and
 #   the warnings. Limits: MIN_OBJECT_WEIGHT, TYPICAL_LEVEL, MIN_WARNED_OUTLIERS, MIN_WARNED_OUTLIER_FRACTION,
-#   MAX_NAME_CHARS.
+#   MAX_NAME_CHARS. Tests: ../records/test_result.py.

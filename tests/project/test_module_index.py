@@ -16,7 +16,7 @@ def entries(index: str) -> dict[str, tuple[list[str], list[str]]]:
     """Limits and tests by module."""
     text = re.sub(r"\n#   ", " ", index)
     return {
-        module: (re.findall(r"\b[A-Z][A-Z0-9_]+\b", limits), re.findall(r"test_\w+\.py", tests))
+        module: (re.findall(r"\b[A-Z][A-Z0-9_]+\b", limits), re.findall(r"[\w./]*test_\w+\.py", tests))
         for module, limits, tests in re.findall(
             r"^# - (\w+): .*?(?: Limits: ([^.]*)\.)?(?: Tests: (.*)\.)?$", text, re.M
         )

@@ -15,7 +15,8 @@ from metric_cli.subcommands import main
 from models3d import rescaling
 from models3d.asset import Asset, AssetBody, NameText, merge_bodies
 from models3d.formats import read_asset
-from models3d.size_check.category import category_of_texts
+from models3d.size_check import check as size_check
+from models3d.size_check.category import NamedCategory, category_of_texts
 from models3d.size_check.check import AssetCheck, check_bodies
 from models3d.size_check.report import write_report
 from tests.models3d.models import CHAIR
@@ -225,3 +226,15 @@ def test_a_report_states_lengths_under_ten_centimetres_in_millimetres(
 def test_a_report_has_200_drawings(tmp_path: Path) -> None:
     write_report(tmp_path / "page.html", [_check(CHAIR * 1000)] * 201)
     assert (tmp_path / "page.html").read_text(encoding="utf-8").count("<svg") == 200
+
+
+@pytest.mark.parametrize(("pair", "n_objects"), [(("198", "199"), 1), (("199", "200"), 201)])
+def test_the_first_200_objects_of_a_scene_are_compared(
+    pair: tuple[str, str], n_objects: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """MAX_OBJECTS: objects that overlap are one."""
+    bodies = tuple(AssetBody(str(k), np.zeros(3), np.ones(3)) for k in range(201))
+    monkeypatch.setattr(size_check, "category_of_texts", lambda *_: NamedCategory(TREE.find("chair"), "name", 1.0))
+    monkeypatch.setattr(size_check, "check_body", lambda _, body, *__: body)
+    monkeypatch.setattr(AssetBody, "overlaps", lambda one, other: (one.name, other.name) == pair)
+    assert len(check_bodies(Asset(Path("model.glb"), "gltf", 1.0, "y", bodies), TREE, None)) == n_objects

@@ -75,3 +75,13 @@ def test_a_small_cluster_is_kept_within_seven_tenths_of_the_diagonal(distance, c
     other = np.add(random.uniform(-0.02, 0.02, (count, 3)), [side + distance + 0.02, side / 2, side / 2])
     points = np.vstack([cube, other])
     assert bool(neighbour_inliers(points)[-count:].mean() > 0.5) == is_kept
+
+
+@pytest.mark.parametrize(("count", "is_kept"), [(19, True), (20, False)])
+def test_outliers_are_removed_from_twenty_points(count, is_kept):
+    """MIN_POINTS: the last point is ten sides of the object away."""
+    points = sampled_box(np.full(3, 0.3), count, np.random.default_rng(0))
+    points[-1] = [3, 0, 0]
+    kept = neighbour_inliers(points)
+    assert kept[-1] == is_kept
+    assert kept.all() == is_kept

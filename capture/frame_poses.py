@@ -67,7 +67,7 @@ class FramePoses:
 
 
 def scaled_camera(camera: Camera, width: int, height: int) -> Camera:
-    """Return the camera of images of another size: lengths in pixels grow with it, the distortion stays."""
+    """Return the camera for another image size: lengths in pixels are scaled, and the distortion is unchanged."""
     across, down = width / camera.width, height / camera.height
     factors = {"f": across, "fx": across, "cx": across, "fy": down, "cy": down}
     values = zip(CAMERA_MODELS[camera.model][1], camera.params, strict=True)

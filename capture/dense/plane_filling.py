@@ -76,7 +76,7 @@ def _plane_depth(inside: BoolArray, depth: FloatImage, generator: np.random.Gene
         return None
     ratio = pixels @ plane / inverse
     on = np.abs(ratio - 1) < TOLERANCE
-    if on.mean() < MIN_ON_PLANE or (ratio > 1 + 2 * TOLERANCE).mean() > MAX_BEHIND:  # above 1 the plane is nearer
+    if on.mean() < MIN_ON_PLANE or (ratio > 1 + 2 * TOLERANCE).mean() > MAX_BEHIND:  # above 1 the plane is closer
         return None
 
     hull = np.zeros(depth.shape, dtype=np.uint8)

@@ -38,7 +38,7 @@ EDGE_RATIO = 1.04
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PinholeView:
-    """A view without distortion; the pose is that of a `View`."""
+    """A view without distortion, with the pose of a `View`."""
 
     grey: FloatImage  #: (h, w) grey levels.
     colour: NDArray[np.uint8]  #: (h, w, 3) RGB.
@@ -105,7 +105,7 @@ def swept_depth(view: PinholeView, sources: Sequence[PinholeView], nearest: floa
     # the outermost planes collect all pixels that fit no other
     unsure = (1 - cost[rows, columns, plane] < MIN_CORRELATION) | (plane == 0) | (plane == N_PLANES - 1)
     unsure |= moments[1] < MIN_VARIANCE
-    # a window enlarges a nearer object by half of itself
+    # a window enlarges a closer object by half its own width
     behind = cv2.dilate(depth.astype(np.float32), np.ones((WINDOW, WINDOW), np.uint8))
     unsure |= behind > EDGE_RATIO * depth
     return np.where(unsure, np.nan, depth).astype(np.float32)

@@ -26,8 +26,8 @@
 # - pairs: Choose the pairs of frames to match: all of a few frames; of many, neighbours in order and candidates for a
 #   loop. Limits: N_NEIGHBOURS, MAX_COMPARED, MIN_COMMON, MAX_LOOPS, MIN_LOOP_DISTANCE, MAX_UNORDERED, MAX_RATIO. Tests:
 #   test_pair_choice.py.
-# - pose_refinement: Fit the pose of a camera to points, alone or with its focal length, robustly (Cauchy). Limits:
-#   MAX_POSE_STEPS, N_WIDE_STEPS, WIDE_FACTOR, HALF_WEIGHT_PX, MIN_FOCAL_POINTS. Tests: test_focal_spread.py.
+# - pose_refinement: Fit the pose of a camera, and optionally its focal length, to points with a robust loss (Cauchy).
+#   Limits: MAX_POSE_STEPS, N_WIDE_STEPS, WIDE_FACTOR, HALF_WEIGHT_PX, MIN_FOCAL_POINTS. Tests: test_focal_spread.py.
 # - refusals: Refusals of captures: codes with advice, and the tests that refuse the frames or a model. Limits:
 #   TYPICAL_FOCAL, MIN_FRAMES, MAX_STATIC_MOTION, MIN_KEYPOINTS, MIN_EDGE_STEEPNESS, MIN_ROTATION_RATIO,
 #   MIN_PLACED_RATIO, MIN_WHOLE_RATIO, MAX_FOCAL_STD, MIN_ZOOM, MIN_ZOOM_ERRORS, MIN_WARNED_FOCAL_VARIATION,

@@ -10,7 +10,7 @@ N_THREADS = 2
 
 @dataclass(frozen=True, slots=True)
 class FeatureStrategy:
-    """Options of feature extraction and matching, by default those of COLMAP."""
+    """Options of feature extraction and matching, by default the options of COLMAP."""
 
     name: str
     suffix: str  #: End of the names of its stages and databases.

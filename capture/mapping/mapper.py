@@ -40,7 +40,7 @@ class ModelReport(msgspec.Struct, kw_only=True):
     """Outcome of a mapping; the content of `reconstruction.json`."""
 
     failure: Failure | None = None  #: Why the model cannot be used.
-    model: ModelMetrics | None = None  #: Figures of the model; None if there is none.
+    model: ModelMetrics | None = None  #: Figures of the model; None without a model.
     left_out: list[str] = []  #: Frames without a place in the model.
     pairs: dict[str, Any] = {}  #: Figures of the matches.
     disagreement: float | None = None  #: Distance of both mappers' paths relative to their extent, if compared.
@@ -121,7 +121,7 @@ def make_model(
 
 
 def _mapped(folder: Path, request: dict[str, Any], limit: TimeLimit, progress: ProgressCallback) -> dict[str, Any]:
-    """Return the result of the mapping; after an early stop, that of the best model so far."""
+    """Return the result of the mapping, or of the best model before an early stop."""
     output = folder / "models"
     output.mkdir()
     request = request | {"output": str(output)}

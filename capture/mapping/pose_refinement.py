@@ -1,4 +1,4 @@
-"""Fit the pose of a camera to points, alone or with its focal length, robustly (Cauchy)."""
+"""Fit the pose of a camera, and optionally its focal length, to points with a robust loss (Cauchy)."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def focal_variation(scene: Scene) -> float | None:
 
 
 def _focal_factor(view: View, rays: FloatArray, points: FloatArray) -> float:
-    """Return a frame's own focal length relative to that of its camera, by rays (n, 2) of points (n, 3)."""
+    """Return the focal length of a frame, relative to its camera, from rays (n, 2) to points (n, 3)."""
     from estimator.reconstructions.pycolmap_library import pycolmap
 
     focal = view.camera.focal_px

@@ -39,7 +39,7 @@ MAX_NAME_CHARS = 200
 N_OFFERED = 8
 #: Minimum side of an object in pixels.
 MIN_SIDE_PX = 2.0
-#: Computes the record that the page shows of a drawing, and the figure as PNG, empty if there is none.
+#: Computes the record of a drawing that the page shows, and the figure as PNG, which may be empty.
 Estimator = Callable[[dict[str, Any]], tuple[dict[str, Any], bytes]]
 #: Returns the description of a name, see `name_meaning`.
 LookUp = Callable[[str], dict[str, Any]]
@@ -64,7 +64,7 @@ class SavedDrawing(msgspec.Struct):
     """Message of the page."""
 
     images: list[DrawnImage]
-    done: bool = False  #: Whether the person asks for the result.
+    done: bool = False  #: Whether the user requests the result.
     close: bool = False  #: Whether the person ends the page.
 
 
@@ -86,7 +86,7 @@ class Frame:
 
 
 def frames_to_draw(scene: Scene, folders: tuple[Path, ...]) -> list[Frame]:
-    """Return frames spread over the capture, of each stretch the one that sees most points of the model.
+    """Return frames spread over the capture: from each stretch, the frame with the most points of the model.
 
     Views without an image in `folders` (`view_matching.image_folders`) are left out; the list may be empty.
     """

@@ -78,7 +78,7 @@ def _table_of_contents(path: Path) -> bytes:
 
 
 def _atoms(data: bytes) -> Iterator[tuple[bytes, bytes]]:
-    """Yield kind and content of each atom, up to one that does not fit."""
+    """Yield kind and content of each atom until an atom exceeds the data."""
     start = 0
     while start + 8 <= len(data):
         size, kind = struct.unpack_from(">I4s", data, start)

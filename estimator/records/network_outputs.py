@@ -17,7 +17,7 @@ class NetworkOutput:
     """
 
     network: str
-    files: tuple[str, ...]  #: Patterns of `file` in the folder of the output, or of one of its arrays.
+    files: tuple[str, ...]  #: Patterns of `file`, or of a file with one array, in the folder of the output.
     poses: str
     depth: str = ""  #: (n, h, w) or (n, h, w, 1) along the optical axis; empty if `points` is set.
     points: str = ""  #: (n, h, w, 3) in the world.

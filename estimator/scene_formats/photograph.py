@@ -118,6 +118,6 @@ def _point_map(file: Path) -> FloatArray:
 
 
 def _in_camera_axes(points: FloatArray) -> FloatArray:
-    """Return points (..., 3) with the axes right, down, forward; those of MoGe's PLY and GLB are right, up, back."""
+    """Return points (..., 3) with the axes right, down, forward; the PLY and GLB of MoGe have right, up, back."""
     z = points[..., 2]
     return points * (1.0, -1.0, -1.0) if np.median(z[np.isfinite(z)] if np.isfinite(z).any() else [1.0]) < 0 else points

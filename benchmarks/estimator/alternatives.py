@@ -14,7 +14,7 @@ Settings: synthetic rooms with masks and with boxes, and synthetic streets (seed
 rooms of ScanNet with all and with three objects, and streets of unseen sources (even ones were used for choices).
 Columns: mean error and CRPS of ln scale, coverage and interval score of the 90 % interval, and the best factor of its
 width. A second table has the ratio of the within-class standard deviation of the priors to that of true sizes, as the
-median over classes.
+median over classes, and a third one the offset of the sizes of streets from their priors (even streets).
 """
 
 from __future__ import annotations
@@ -91,6 +91,7 @@ def main() -> None:
     columns = ("setting", "posterior", "scenes", "mean error", "CRPS", "coverage", "interval score", "best width")
     print_rows(list(columns), [line for of_setting in lines.values() for line in of_setting])
     print_rows(["classes of", "prior", "classes", "prior's sd / measured sd"], _spread_ratios(scenes))
+    print_rows(["label", "objects", "axes", "ln of measured size / mean of the prior, median"], _street_offsets(scenes))
 
 
 def _statistics(rows: Sequence[tuple[Outcome, float]]) -> tuple[str, ...]:
@@ -210,6 +211,21 @@ def _spread_ratios(scenes: Sequence[Scene]) -> Iterator[tuple[str, ...]]:
                 measured = np.maximum(np.var(np.array(rows)[:, axes], axis=0) - noise, 1e-4)
                 ratios.append(float(np.sqrt(within.mean() / measured.mean())))
             yield setting, name, str(len(ratios)), f"{np.median(ratios):.2f}"
+
+
+def _street_offsets(scenes: Sequence[Scene]) -> Iterator[tuple[str, ...]]:
+    """Yield the offset of the measured sizes of each label of even streets from the mean of its prior."""
+    sizes: dict[str, list[FloatArray]] = defaultdict(list)
+    of_streets = [scene for scene in scenes if scene.setting == "streets, even"]
+    for scene in of_streets:
+        for item in scene.objects:
+            sizes[item.category].append(np.log(1000 * item.extents))
+    for category, match in object_priors.resolve_categories(of_streets[0].tree, set(sizes)).items() if sizes else ():
+        if match.prior is not None and len(sizes[category]) >= MIN_CLASS_OBJECTS:
+            axes = [("length", "width", "height").index(dim) for dim in match.prior.dims]
+            offset = np.median(sizes[category], axis=0)[axes] - match.prior.weights @ match.prior.means
+            shown = ", ".join(f"{value:+.2f}" for value in offset)
+            yield category, str(len(sizes[category])), ", ".join(match.prior.dims), shown
 
 
 @contextmanager

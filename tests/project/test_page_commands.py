@@ -50,6 +50,7 @@ NOT_RUN = {
     r"^docker ": "needs Docker",
     r"^metric-tree serve( |$)": "does not end; its addresses are requested below",
     r"^curl ": "its address is requested below",
+    r"^while IFS=, read -r f o n; do curl ": "reads Common Crawl",
     r"^metric-tree crawl ": "needs a site; tests/crawler/fetch/test_crawl.py runs crawls of a site on this machine",
     r"^metric-tree build (data/raw|crawls/ikea|raw crawls/ikea|CRAWL)": "tests/end_to_end/test_pictures.py runs it",
     r"^metric-tree (cutout|export) ": "tests/end_to_end/test_pictures.py runs both",

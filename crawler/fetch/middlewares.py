@@ -13,7 +13,7 @@ from scrapy.exceptions import IgnoreRequest
 from scrapy.http import Response, TextResponse
 from scrapy.robotstxt import ProtegoRobotParser
 
-from crawler.fetch.frontier import OFF_SITE, PRIVATE, Frontier
+from crawler.fetch.frontier import OFF_SITE, PRIVATE
 from crawler.fetch.network_limits import REFUSED, is_literal, is_public
 
 #: First pause after a ban in seconds; it doubles with each further ban.
@@ -60,28 +60,6 @@ class GuardMiddleware:
             raise IgnoreRequest(f"{OFF_SITE}: {request.url}")
         if not self._private and is_literal(host) and not is_public(host):
             raise IgnoreRequest(f"{PRIVATE}: {request.url}")
-
-
-class PaceMiddleware:
-    """Delay requests so that all workers of a shared crawl together respect the delay of a site."""
-
-    def __init__(self, crawler: Crawler) -> None:
-        self._frontier: Frontier = crawler.frontier
-        self._delay = crawler.settings.getfloat("DOWNLOAD_DELAY")
-
-    @classmethod
-    def from_crawler(cls, crawler: Crawler) -> PaceMiddleware:
-        """Return the middleware of a crawler."""
-        return cls(crawler)
-
-    async def process_request(self, request: Request) -> None:
-        """Wait for the moment that the frontier reserves for the request."""
-        from scrapy.utils.defer import maybe_deferred_to_future
-        from twisted.internet import reactor
-        from twisted.internet.task import deferLater
-
-        if self._delay and (seconds := self._frontier.reserve(urlsplit(request.url).hostname or "", self._delay)) > 0:
-            await maybe_deferred_to_future(deferLater(reactor, seconds))
 
 
 class RefusedHostMiddleware:

@@ -1,4 +1,4 @@
-"""Limits of network access: a resolver that accepts only public addresses, and a limit on response headers.
+"""Limits of network access: only public addresses, the delay of a site over all workers, and the size of headers.
 
 The resolver checks the address that the connection uses, because a second lookup of a name may return another address
 (DNS rebinding). Twisted limits the length of a header line, but not the number of lines.
@@ -8,17 +8,24 @@ from __future__ import annotations
 
 import ipaddress
 from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
 
 from scrapy.core.downloader.handlers.http11 import HTTP11DownloadHandler, _LenientHTTP11ClientFactory
 from scrapy.resolver import CachingThreadedResolver
+from scrapy.utils.defer import maybe_deferred_to_future
 from twisted.internet.error import DNSLookupError
+from twisted.internet.task import deferLater
 from twisted.python.failure import Failure
 from twisted.web._newclient import HEADER, STATUS, HTTP11ClientProtocol
 from twisted.web.client import ResponseFailed
 
 if TYPE_CHECKING:
+    from scrapy import Request
     from scrapy.crawler import Crawler
+    from scrapy.http import Response
     from twisted.internet.interfaces import IAddress
+
+    from crawler.fetch.frontier import Frontier
 
 #: Names that the resolver refused in this process, which runs one crawl; Scrapy passes no crawler to a resolver.
 REFUSED: set[str] = set()
@@ -71,12 +78,25 @@ class PublicResolver(CachingThreadedResolver):
         return address
 
 
-class HeaderLimitHandler(HTTP11DownloadHandler):
-    """Download handler of Scrapy that closes connections with too long response headers."""
+class LimitedHandler(HTTP11DownloadHandler):
+    """Download handler of Scrapy that waits for the other workers, and closes connections with too long headers.
+
+    The delay of Scrapy has passed before, so that the workers together respect it, too.
+    """
 
     def __init__(self, crawler: Crawler) -> None:
         super().__init__(crawler)
         self._pool._factory = HeaderLimitFactory
+        self._frontier: Frontier = crawler.frontier
+        self._delay = crawler.settings.getfloat("DOWNLOAD_DELAY")
+
+    async def download_request(self, request: Request) -> Response:
+        """Download a request at the moment that the frontier reserves for it."""
+        from twisted.internet import reactor
+
+        if self._delay and (seconds := self._frontier.reserve(urlsplit(request.url).hostname or "", self._delay)) > 0:
+            await maybe_deferred_to_future(deferLater(reactor, seconds))
+        return await super().download_request(request)
 
 
 class HeaderLimitFactory(_LenientHTTP11ClientFactory):

@@ -53,7 +53,6 @@ def crawl_settings(
     guards = {
         "crawler.fetch.middlewares.GuardMiddleware": 40,
         "crawler.fetch.middlewares.BanMiddleware": 560,
-        "crawler.fetch.middlewares.PaceMiddleware": 950,  # next to the download, after the cache and robots.txt
         "crawler.fetch.middlewares.RefusedHostMiddleware": 570,  # closer to the download than Scrapy's retries
     }
     own = {
@@ -89,7 +88,7 @@ def crawl_settings(
     bounds = {
         "DOWNLOAD_TIMEOUT": DOWNLOAD_SECONDS,
         "DOWNLOAD_MAXSIZE": MAX_BYTES,
-        "DOWNLOAD_HANDLERS": dict.fromkeys(("http", "https"), "crawler.fetch.network_limits.HeaderLimitHandler"),
+        "DOWNLOAD_HANDLERS": dict.fromkeys(("http", "https"), "crawler.fetch.network_limits.LimitedHandler"),
         "DOWNLOAD_WARNSIZE": 0,
         "DEPTH_LIMIT": MAX_DEPTH,
         "URLLENGTH_LIMIT": 2000,

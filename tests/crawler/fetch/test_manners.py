@@ -14,7 +14,8 @@ from twisted.internet.testing import StringTransport
 from twisted.web._newclient import Request
 from twisted.web.http_headers import Headers
 
-from crawler.fetch.middlewares import BoundedRobotParser, PaceMiddleware
+from crawler.fetch import network_limits
+from crawler.fetch.middlewares import BoundedRobotParser
 from crawler.fetch.network_limits import HeaderLimitFactory
 from crawler.fetch.settings import crawl_settings
 from crawler.sites.registry import GENERIC
@@ -39,15 +40,18 @@ def test_a_request_waits_for_the_moment_that_the_workers_reserve(
     monkeypatch: pytest.MonkeyPatch, delay: float, waits: list[float]
 ) -> None:
     found: list[float] = []
-    monkeypatch.setattr("twisted.internet.task.deferLater", lambda _, seconds: found.append(seconds) or succeed(None))
+    monkeypatch.setattr(network_limits, "deferLater", lambda _, seconds: found.append(seconds) or succeed(None))
+    monkeypatch.setattr(network_limits.HTTP11DownloadHandler, "download_request", lambda _, request: succeed(request))
+    monkeypatch.setattr(network_limits.HTTP11DownloadHandler, "__init__", lambda *_: None)
+    monkeypatch.setattr(network_limits.HTTP11DownloadHandler, "_pool", SimpleNamespace(), raising=False)
     frontier = SimpleNamespace(reserve=lambda host, seconds: 2 * seconds if host == "a.example" else 0.0)
     settings = Settings(crawl_settings(contact="tests@example.org", delay=delay))
     crawler: Any = SimpleNamespace(frontier=frontier, settings=settings)
-    middleware = PaceMiddleware.from_crawler(crawler)
+    handler = network_limits.LimitedHandler(crawler)
     for url in ("http://a.example/1", "http://b.example/1"):
-        ensureDeferred(middleware.process_request(scrapy.Request(url)))
+        done = ensureDeferred(handler.download_request(scrapy.Request(url)))
+        assert done.result.url == url
     assert found == waits
-    assert settings["DOWNLOADER_MIDDLEWARES"]["crawler.fetch.middlewares.PaceMiddleware"] > 900  # after the cache
 
 
 def test_a_crawl_has_the_components_of_scrapy_that_it_needs_and_no_others() -> None:
@@ -88,7 +92,7 @@ def test_headers_without_end_end_the_connection(lines: int) -> None:
     assert transport.disconnecting or transport.disconnected if many else not transport.disconnecting
     connection.dataReceived(b"content-length: 0\r\n\r\n")
     assert many or answers[0].code == 200
-    assert "HeaderLimitHandler" in crawl_settings(contact="tests@example.org")["DOWNLOAD_HANDLERS"]["https"]
+    assert "LimitedHandler" in crawl_settings(contact="tests@example.org")["DOWNLOAD_HANDLERS"]["https"]
 
 
 @pytest.mark.parametrize(("end", "is_read"), [(ROBOTS_BYTES, True), (ROBOTS_BYTES + 1, False)])

@@ -6,7 +6,6 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from estimator.association.clustering import merge_by_table
 from estimator.association.point_labels import PointLabels
 from estimator.association.proximity import MIN_LARGER_POINTS as MIN_PLACE_POINTS
 from estimator.association.proximity import MIN_SMALLER_POINTS as MIN_LYING_POINTS
@@ -15,6 +14,7 @@ from estimator.association.proximity import relative_distance
 from estimator.association.tracks import MIN_COMMON_FRACTION, MIN_JOIN_AFFINITY, MIN_JOIN_IOU, shared_tracks
 from estimator.projection.visibility import indicator_matrix, row_indices
 from estimator.records.scene import Instance
+from tests.support.plain_clustering import plainly_merged
 
 PIXEL = np.ones((1, 1), dtype=bool)
 
@@ -59,11 +59,6 @@ def full_tables(clouds, views):
     return tables
 
 
-def sums(table, groups):
-    """(k, k) sums of a table over the pairs of groups."""
-    return np.array([[table[np.ix_(one, two)].sum() for two in groups] for one in groups])
-
-
 def plainly_placed(groups, instances, clouds, over, under):
     """The rule of places as it reads: all pairs are inspected again after every join."""
     places = GroupPlaces(
@@ -98,15 +93,9 @@ def tracks_by_tables(instances, clouds):
     groups = []
     for category in sorted({instance.category for instance in instances}):
         rows = np.array([row for row, instance in enumerate(instances) if instance.category == category])
-        own = np.ix_(rows, rows)
-        alone = [[k] for k in range(len(rows))]
-        joined = merge_by_table(alone, views[rows], shared[own], (smaller + doubt)[own], MIN_JOIN_AFFINITY)
-        joined = [[int(rows[k]) for k in group] for group in joined]
+        joined = plainly_merged(rows[:, None].tolist(), views, shared, smaller + doubt, MIN_JOIN_AFFINITY)
         groups += plainly_placed(joined, instances, clouds, shared + doubt, smaller + doubt)
-    return sorted(
-        tuple(sorted(group))
-        for group in merge_by_table(groups, views, sums(shared, groups), sums(union, groups), MIN_JOIN_IOU)
-    )
+    return [tuple(group) for group in plainly_merged(groups, views, shared, union, MIN_JOIN_IOU)]
 
 
 @given(seed=st.integers(0, 100_000))

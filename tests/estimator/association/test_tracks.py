@@ -8,12 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from estimator.association import clustering
-from estimator.association.clustering import merge_by_table
 from estimator.association.clustering import merge_in_rounds as merge_linked
 from estimator.association.point_labels import PointLabels, dense_labels, sparse_labels
 from estimator.association.tracks import incremental_tracks, shared_tracks, voted_category
 from estimator.projection.visibility import indicator_matrix
 from estimator.records.scene import Instance
+from tests.support.plain_clustering import plainly_merged
 from tests.synthetic.shapes import box, cylinder, floor, orbit, synthetic_scene
 
 PIXEL = np.ones((1, 1), dtype=bool)
@@ -132,38 +132,6 @@ def test_scale_of_the_scene_does_not_matter(table):
     assert groups(shared_tracks(table.instances, [labels])) == groups(shared_tracks(table.instances, [larger]))
 
 
-def plainly_merged(views, over, under, share):
-    """The rule as it reads: all pairs are inspected again after every join."""
-    groups = [[row] for row in range(len(views))]
-    while True:
-        best, pair = 0.0, None
-        for one, first in enumerate(groups):
-            for two in range(one + 1, len(groups)):
-                pairs = np.ix_(first, groups[two])
-                free = not {views[row] for row in first} & {views[row] for row in groups[two]}
-                shared = over[pairs].sum()
-                affinity = shared / max(under[pairs].sum(), 1) if free and shared >= 3 else 0.0
-                if affinity > best:
-                    best, pair = affinity, (one, two)
-        if best < share:
-            return sorted(sorted(group) for group in groups)
-        groups[pair[0]] += groups.pop(pair[1])
-
-
-@given(seed=st.integers(0, 10_000), count=st.integers(1, 14), share=st.floats(0.2, 0.9))
-@settings(max_examples=60, deadline=None)
-def test_the_kept_partners_give_what_looking_at_all_pairs_gives(seed, count, share):
-    random = np.random.default_rng(seed)
-    views = random.integers(0, max(2, count // 2), count)
-    over = random.integers(0, 20, (count, count)).astype(float)
-    over += over.T
-    under = over * random.uniform(1, 4, (count, count))
-    under += under.T
-    plain = plainly_merged(views, over, under, share)
-    quick = merge_by_table([[row] for row in range(count)], views, over.copy(), under.copy(), share)
-    assert sorted(sorted(group) for group in quick) == plain
-
-
 @given(seed=st.integers(0, 10_000), count=st.integers(1, 14), share=st.floats(0.2, 0.9))
 @settings(max_examples=60, deadline=None)
 def test_best_partners_joined_in_rounds_give_what_the_best_pair_first_gives(seed, count, share):
@@ -179,8 +147,11 @@ def test_best_partners_joined_in_rounds_give_what_the_best_pair_first_gives(seed
         return np.array([[table.sum() for table in both] for both in tables]).reshape(-1, 2).T
 
     links = np.array(np.triu_indices(count, 1))
-    quick = merge_linked([[row] for row in range(count)], links, views, sums, share, 3)
-    assert sorted(sorted(group) for group in quick) == plainly_merged(views, over, under, share)
+    alone = [[row] for row in range(count)]
+    quick = merge_linked(alone, links, views, sums, share, 3)
+    assert sorted(sorted(group) for group in quick) == plainly_merged(
+        [[row] for row in range(count)], views, over, under, share
+    )
 
 
 @pytest.mark.parametrize(("over", "expected"), [(8.0, [[0, 1, 2]]), (7.0, [[0, 1], [2]])])

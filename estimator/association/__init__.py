@@ -2,7 +2,7 @@
 
 # Modules, their limits, and their tests in `tests/estimator/association`:
 # - clustering: Agglomerative clustering of masks with cannot-link constraints: masks of one view never share a group.
-#   Limits: MAX_TABLE_GROUPS, MIN_COMMON_POINTS, BLOCK_PAIRS. Tests: test_mask_overlap.py, test_tracks.py.
+#   Limits: MAX_TABLE_GROUPS, MIN_COMMON_POINTS, BLOCK_PAIRS. Tests: test_tracks.py.
 # - mask_checks: Check instance masks: remove duplicates, and find masks of other images, wrong crops and masks that are
 #   too large. Limits: DUPLICATE_IOU, IOU_ROUNDING, MIN_COVER, MIN_NAMES, MIN_VALID_COVER, MIN_VALID_NAMES, NO_COVER,
 #   MIN_PAIRS, MIN_TRACK_AGREEMENT, MIN_VALID_TRACK_AGREEMENT, MIN_TRACKS, MIN_TRACK_PAIRS, MIN_POOLED_TRACKS,

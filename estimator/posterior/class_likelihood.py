@@ -104,21 +104,6 @@ class ClassHypotheses:
         """(c,) first hypothesis of each class."""
         return np.searchsorted(self.group, np.arange(self.group[-1] + 1))
 
-    @property
-    def along_sd(self) -> FloatArray:
-        """(w,) standard deviation of the shared error along 1."""
-        return np.array([hypothesis.error.along_sd for hypothesis in self.hypotheses])
-
-    @property
-    def log_weight(self) -> FloatArray:
-        """(w,) log prior probability of each hypothesis."""
-        return np.array([hypothesis.log_weight for hypothesis in self.hypotheses])
-
-    @property
-    def vertical_extent(self) -> IntArray:
-        """(w,) index of the vertical extent, or -1."""
-        return np.array([hypothesis.vertical_extent for hypothesis in self.hypotheses])
-
     def of(self, keep: BoolArray) -> ClassHypotheses:
         """Return the hypotheses of a mask (w,), which contains at least one of each class."""
         keep_entry = keep[self.entry]
@@ -199,7 +184,10 @@ def multi_object_classes(
     centre, half, peak_height = _ranges(log_central, search)  # (w,)
     # Only hypotheses matter whose evidence is close to the best one with the same vertical extent. The shared error
     # widens a narrow product, which lowers its peak by about the ratio of the widths.
-    along_sd, extent, log_weight = hypotheses.along_sd, hypotheses.vertical_extent, hypotheses.log_weight
+    along_sd, extent, log_weight = np.array(
+        [(one.error.along_sd, one.vertical_extent, one.log_weight) for one in hypotheses.hypotheses]
+    ).T  # (w,) each
+    extent = extent.astype(np.int64)
     evidence = peak_height + log_weight + np.log(np.minimum(1.0, half / (3 * along_sd)))
     orientation = hypotheses.group * (len(VERTICAL_EXTENTS) + 1) + extent + 1
     best = np.full(int(orientation.max()) + 1, -np.inf)

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from estimator.outputs.figure import figure, write_figure
 from estimator.outputs.plan import COLOURS
-from estimator.records.result import Curve, EvidenceReport, SceneEstimate
+from estimator.records.result import Curve, EvidenceReport, Interval, SceneEstimate
 from metric_base.errors import InputError
 from tests.support.drawn import SCALE, drawn_estimate
 from tests.synthetic.small_scene import write_small_scene
@@ -190,3 +190,45 @@ def test_control_characters_of_a_category_are_written_out(estimate: SceneEstimat
     texts = [text.get_text() for text in drawn.findobj(lambda artist: hasattr(artist, "get_text"))]
     assert any("\\x1b" in text for text in texts)
     assert not any("\x1b" in text or "\u202e" in text for text in texts)
+
+
+@pytest.mark.parametrize(("high", "ticks"), [(0.448, 10), (0.484, 7)])
+def test_an_axis_has_at_most_ten_ticks(high: float, ticks: int, estimate: SceneEstimate) -> None:
+    """MAX_TICKS: 0.1, 0.15, ... 0.55; with 0.6 there would be eleven, and the next coarser steps are drawn."""
+    objects = tuple(replace(report, scale=0.3) for report in estimate.result.objects)
+    result = replace(estimate.result, objects=objects, interval=Interval(0.9, 0.12375, high))
+    _, body = figure(result).axes
+    assert len(body.xaxis.get_majorticklocs()) == ticks
+
+
+@pytest.mark.parametrize(("ratio", "is_drawn"), [(0.0011, True), (0.0009, False)])
+def test_likelihoods_below_a_thousandth_of_the_peak_are_not_drawn(
+    ratio: float, is_drawn: bool, estimate: SceneEstimate
+) -> None:
+    """_MIN_DRAWN_LIKELIHOOD, of an object whose likelihood is flat but for its peak and one zero."""
+    curve = np.full(400, ratio)
+    curve[200], curve[0] = 1.0, 0.0
+    curves = {estimate.result.objects[0].id: curve}
+    _, body = figure(replace(estimate.result, object_curves=curves)).axes
+    (line,) = (line for line in body.lines if len(line.get_xdata()) == 400)
+    assert np.isfinite(line.get_ydata()[300]) == is_drawn
+
+
+def test_a_result_without_a_curve_or_a_scale_has_no_axes(estimate: SceneEstimate) -> None:
+    head, body = figure(replace(estimate.result, curve=None)).axes
+    assert not head.axison
+    assert not body.axison
+    nothing = replace(estimate.result, scale=None, modes=(), interval=None)
+    assert not figure(nothing).axes[0].axison
+
+
+def test_a_plan_has_no_outline_without_objects_or_points(estimate: SceneEstimate) -> None:
+    no_rows = {"keypoints": np.empty((0, 2)), "point_index": np.empty(0, dtype=np.int64)}
+    views = tuple(replace(view, **no_rows) for view in estimate.scene.views)
+    empty = replace(estimate.scene, points=np.empty((0, 3)), views=views)
+    assert estimate.measurements is not None
+    for changes in ({"scene": empty}, {"measurements": replace(estimate.measurements, objects=())}):
+        _, _, above, side = panels(figure(replace(estimate, **changes)))
+        assert above.axison
+        assert side.axison
+        assert (len(outlines(above)) == 0) == ("measurements" in changes)

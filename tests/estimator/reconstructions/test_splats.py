@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import gzip
 import json
 import math
 from collections.abc import Callable
@@ -102,8 +103,6 @@ def test_damaged_spz_4_is_one_line(end: int, centres: NDArray[Any], tmp_path: Pa
 
 @pytest.mark.parametrize("fault", ["cut", "version", "count", "stream"])
 def test_damaged_spz_is_one_line(fault: str, centres: NDArray[Any], tmp_path: Path) -> None:
-    import gzip
-
     content = bytearray(gzip.decompress(write_spz(tmp_path / "a.spz", centres).read_bytes()))
     if fault == "version":
         content[4] = 9
@@ -323,3 +322,22 @@ def test_spz_is_not_written(
     assert "convert the splat to PLY" in capsys.readouterr().err
     assert not out.exists()
     assert not (tmp_path / "scale.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("count", "bits", "field"),
+    [
+        (10_000_000, 12, "content"),
+        (10_000_001, 12, "header"),
+        (0, 12, "header"),
+        (301, 24, "content"),
+        (300, 25, "header"),
+    ],
+)
+def test_the_header_of_spz(count: int, bits: int, field: str, centres: NDArray[Any], tmp_path: Path) -> None:
+    """MAX_SPZ_POINTS of ten million Gaussians; the file has 300."""
+    content = bytearray(gzip.decompress(write_spz(tmp_path / "a.spz", centres).read_bytes()))
+    content[8:12], content[13] = count.to_bytes(4, "little"), bits
+    (tmp_path / "a.spz").write_bytes(gzip.compress(content[: 16 + 3000]))
+    with pytest.raises(InputError, match=f"{field}: expected"):
+        read_points(tmp_path / "a.spz")

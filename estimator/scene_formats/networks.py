@@ -132,7 +132,8 @@ def depth_cloud(views: Sequence[View], depth: FloatArray, confidence: FloatArray
 
     is_valid = np.isfinite(depth) & (depth > 0)
     if confidence is not None:
-        is_valid &= confidence > max(0.0, float(np.quantile(confidence, LOW_CONFIDENCE_FRACTION)))
+        is_low = confidence <= np.quantile(confidence, LOW_CONFIDENCE_FRACTION)
+        is_valid &= (confidence > 0) & (~is_low | (confidence == confidence.max()))  # a constant map drops no pixel
     points, own = [np.empty((0, 3))], [np.empty(0, dtype=np.int64)]
     for row, view in enumerate(views):
         lows, highs = minimum_filter(depth[row], 3), maximum_filter(depth[row], 3)

@@ -268,3 +268,52 @@ def test_gaussians_in_other_units_by_two_percent_are_reported(
     scene = read_scene(splat)
     assert any("1 unit of it is" in line for line in scene.warnings) == is_reported
     assert scene.file_units == pytest.approx(factor if is_reported else 1.0, abs=0.002)
+
+
+def _vggt(folder: Path, **changes: np.ndarray) -> Path:
+    """Write an output of VGGT of two views of a wall, with changed arrays."""
+    poses = np.tile(np.eye(4)[:3], (2, 1, 1))
+    poses[1, 0, 3] = -0.1
+    intrinsics = np.tile([[20.0, 0, 10], [0, 20, 5], [0, 0, 1]], (2, 1, 1))
+    depth = np.full((2, 10, 20), 2.0)
+    arrays = {"extrinsic": poses, "depth": depth, "intrinsic": intrinsics, "depth_conf": np.ones((2, 10, 20))}
+    np.savez(folder / "predictions.npz", **(arrays | changes))
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("name", "array", "message"),
+    [
+        ("extrinsic", np.zeros((2, 3, 3)), r"extrinsic: expected finite matrices \(n, 3, 4\) or \(n, 4, 4\)"),
+        ("extrinsic", np.full((2, 3, 4), np.nan), "extrinsic: expected finite matrices"),
+        ("extrinsic", np.zeros(12), "extrinsic: expected finite matrices"),
+        ("extrinsic", np.tile(np.eye(4), (2, 1, 1)), None),
+        ("extrinsic", np.tile(np.eye(4), (3, 1, 1)), "depth: expected 3 maps, as many as poses"),
+        ("extrinsic", 2 * np.tile(np.eye(4)[:3], (2, 1, 1)), "view 0"),  # no rotation
+        ("depth", np.full((2, 10, 20, 1), 2.0), None),
+        ("depth", np.full((3, 10, 20), 2.0), "depth: expected 2 maps, as many as poses"),
+        ("depth", np.full((2, 10, 20, 2), 2.0), "one channel"),
+        ("depth_conf", np.ones((2, 10, 21)), r"depth_conf: expected \(2, 10, 20\), as the maps"),
+        ("intrinsic", np.array([[20.0, 0, 10], [0, 20, 5], [0, 0, 1]]), None),
+        ("intrinsic", np.tile([20.0, 20, 10, 5], (2, 1)), None),
+        ("intrinsic", np.ones((2, 3)), r"view 0.*\(3, 3\) or \(4,\) numbers"),
+        ("intrinsic", np.zeros((2, 3, 3)), "view 0"),
+    ],
+)
+def test_shapes_of_the_output_of_a_network(name: str, array: np.ndarray, message: str | None, tmp_path: Path) -> None:
+    folder = _vggt(tmp_path, **{name: array})
+    with nullcontext() if message is None else pytest.raises(InputError, match=message):
+        scene = read_scene(folder)
+        assert [view.camera.focal_px for view in scene.views] == [20.0, 20.0]
+        assert scene.dense is not None
+        assert len(scene.dense.points) > 300
+
+
+def test_the_arrays_of_a_network_identify_it(tmp_path: Path) -> None:
+    folder = _vggt(tmp_path)
+    found = networks.network_output(folder)
+    assert found is not None
+    assert (found[0], found[1].network) == (folder / "predictions.npz", "VGGT")
+    assert networks.network_output(folder / "predictions.npz") == found
+    np.savez(folder / "predictions.npz", extrinsic=np.eye(4)[None])
+    assert networks.network_output(folder) is None

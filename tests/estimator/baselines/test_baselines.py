@@ -8,6 +8,8 @@ from collections import defaultdict
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -293,3 +295,22 @@ def test_the_baselines_have_no_jacobian(mini: Tree, monkeypatch: pytest.MonkeyPa
 def test_a_dimension_has_a_confidence_of_70_percent(eta: float, names: tuple[str, ...]) -> None:
     mixture = PaperMixture(("length", "width", "height"), np.ones(1), np.ones((1, 3)), np.eye(3)[None])
     assert paper.plausible_dimensions(_object("a", "desk", (1.0, 0.5, 0.7), (1, 1, eta)), mixture)[0] == names
+
+
+@pytest.mark.parametrize(("n_items", "n_fitted"), [(8, 150), (9, 9)])
+@pytest.mark.parametrize("dims", [("height",), ("extent1",)])
+def test_a_class_of_fewer_than_nine_items_is_sampled_from_its_prior(
+    dims: tuple[str, ...], n_items: int, n_fitted: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """MIN_ITEMS of those that have every dimension; the last one has none."""
+    heights = [*np.linspace(700.0, 900.0, n_items), math.nan]
+    extents = [[3.0, 2.0, height] for height in heights[:-1]] + [None]
+    prior = SimpleNamespace(sample=lambda count, _: np.full((count, 1), 800.0))
+    node: Any = SimpleNamespace(
+        items=lambda: pa.table({"height_mm": heights, "extents_mm": extents}), prior=lambda _: prior
+    )
+    fitted: list[int] = []
+    monkeypatch.setattr(paper, "fit_mixture", lambda _, sizes: fitted.append(len(sizes)))
+    _, is_sampled = paper.node_mixture.__wrapped__(node, dims)
+    assert fitted == [n_fitted]
+    assert is_sampled == (n_items < 9)

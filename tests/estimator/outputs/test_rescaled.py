@@ -12,9 +12,10 @@ import numpy as np
 import pycolmap
 import pytest
 
-from estimator.outputs.rescaled import TRANSFORM, write_colmap_model, write_rescaled
+from estimator.outputs.rescaled import TRANSFORM, write_colmap_model, write_rescaled, write_rescaled_cloud
 from estimator.reconstructions.scene_reader import read_scene
-from estimator.records.scene import Scene
+from estimator.records.result import ScaleResult
+from estimator.records.scene import DenseCloud, Scene
 from metric_base.errors import InputError
 from tests.synthetic.exports import write_export
 from tests.synthetic.small_scene import small_model, write_small_scene
@@ -204,3 +205,16 @@ def test_lengths_of_an_opensfm_model_are_rescaled_if_they_are_there(small: Path,
     assert next(iter(scaled["shots"].values()))["vertices"] == [[2, 4, 6]]
     assert scaled["rig_instances"] == {"a": {"translation": [2, 4, 8]}, "b": {"rotation": [1, 2, 4]}, "c": 3}
     assert scaled["rig_cameras"] == 3
+
+
+@pytest.mark.parametrize(("option", "named"), [(None, "sidecar"), ("--write-scaled", "--write-scaled")])
+def test_the_error_of_a_sidecar_names_the_option(option: str | None, named: str, small: Path, tmp_path: Path) -> None:
+    scene = replace(read_scene(small / "colmap"), dense=DenseCloud(np.zeros((1, 3))))
+    result = ScaleResult("resolved", "default", SCALE, None, (), ("test", "0"), ())
+    (tmp_path / "scale.json").symlink_to(tmp_path / "scale.json")
+    with pytest.raises(InputError, match=f"^{named}: expected a place that can be written, found a loop"):
+        write_rescaled_cloud(scene, result, tmp_path / "a.ply", option)
+    for bare, unknown in ((replace(scene, dense=None), result), (scene, replace(result, scale=None))):
+        with pytest.raises(InputError, match="cloud: expected a splat or a dense cloud to write"):
+            write_rescaled_cloud(bare, unknown, tmp_path / "a.ply", option)
+    assert not (tmp_path / "a.ply").exists()

@@ -346,8 +346,7 @@ class Node:
         'height: no source states it'
         """
         dims = {dim for names in self.prior_dims for dim in names}
-        axes = EXTENTS if dims & set(EXTENTS) else AXES
-        missing = " and ".join(axis for axis in axes if axis not in dims)
+        missing = " and ".join(axis for axis in (EXTENTS if dims & set(EXTENTS) else AXES) if axis not in dims)
         return f"{missing}: {_UNKNOWN.get(self.tier or '', 'no source states it')}" if missing and dims else None
 
     @property

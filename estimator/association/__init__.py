@@ -11,8 +11,8 @@
 #   MIN_STRAIGHT_PX, MIN_MASKS. Tests: test_duplicates.py, test_mask_agreement.py, test_mask_rims.py.
 # - mask_overlap: Count the points that pairs of masks have in common, among the points that both views see. Limits:
 #   PSEUDOCOUNT_FRACTION, BLOCK_MASKS, BLOCK_COST, ROUNDING. Tests: test_mask_overlap.py.
-# - point_labels: Label the points of a cloud with the instance masks that contain them (paper section 4.1). Limits:
-#   MAX_MASK_DEPTH_DIAGONALS, MAX_BOX_DEPTH_DIAGONALS, BOX_CENTRE_FRACTION, MIN_MASK_VOTE_FRACTION,
+# - point_labels: Label points with the masks that contain them, without the background behind the object (paper section
+#   4.1). Limits: MAX_MASK_DEPTH_DIAGONALS, MAX_BOX_DEPTH_DIAGONALS, BOX_CENTRE_FRACTION, MIN_MASK_VOTE_FRACTION,
 #   MIN_BOX_VOTE_FRACTION, MIN_SUPPORT_FRACTION, TIE_BREAK_PER_VOTE. Tests: test_mask_agreement.py,
 #   test_mask_overlap.py, test_mask_rims.py, test_point_labels.py, test_tracks.py.
 # - proximity: Distance between the points of two groups of masks: D of the paper's Algorithm 1 (section 4.1). Limits:

@@ -23,8 +23,8 @@
 #   are truncated. Limits: BOX_DIRECTIONS, EDGE_SIGMA_PX, EDGE_SIGMA_FRACTION, MASK_SIGMA_PX, MASK_SIGMA_FRACTION,
 #   BORDER_PX, OCCLUDER_DISTANCE_PX, OCCLUDER_DISTANCE_FRACTION, OUTER_FRACTION, MIN_CUT_FRACTION. Tests:
 #   test_box_fit_outlines.py, test_cuboid_fit.py, test_outlined.py, test_truncation.py.
-# - measurement: Measure the objects of a scene: from the points and masks of each track to its size in scene units
-#   (section 4.2). Limits: MIN_OBJECT_POINTS, BELOW_FLOOR_BINS, MIN_CLUTTER_FRACTION, INFERRED_VISIBILITY_SIGMA,
+# - measurement: Measure each track in scene units from its points and masks, and skip parts of other objects (paper
+#   section 4.2). Limits: MIN_OBJECT_POINTS, BELOW_FLOOR_BINS, MIN_CLUTTER_FRACTION, INFERRED_VISIBILITY_SIGMA,
 #   FOOTPRINT_SIGMA_FACTOR, MAX_SUPPORTED_TILT_DEG, ONE_VIEW_SIGMA, MIN_CONTAINED_FRACTION, CONTAINER_SCALE,
 #   CONTAINMENT_GRID. Tests: test_fragments.py, test_measurement.py.
 # - outline_measurement: Measure objects by the cuboid that fits their outlines: objects with boxes instead of masks, or

@@ -19,9 +19,10 @@
 # - object_likelihood: Likelihood of one object: a mixture of Gaussians over v = u 1 - e, in log size. Limits:
 #   OUTLIER_PROBABILITY, MIN_SCORE, MIN_PEAK_RATIO, MIN_GROSS_PEAK_RATIO, MAX_ORDER_SIGMAS, ROWS, COLUMNS,
 #   INACTIVE_VARIANCE, BLOCK_OBJECTS. Tests: test_likelihood.py, test_posterior.py, test_sameness.py.
-# - posterior: Compute the posterior of u = log scale from all objects and other evidence (paper 4.3, in log space).
-#   Limits: MAX_INTERVAL_RATIO, COMPETING_MODE_RATIO, MIN_COMPETING_MASS, MAX_COMPETING_MASS, PEAK_WIDTH_RATIO,
-#   MIN_PEAK_MASS, MIN_MEAN_WEIGHT, MIN_JUDGED_OBJECTS, TEMPERING_EXPONENT, MAX_EDGE_MASS, MIN_EVIDENCE_LOG_SD,
-#   MAX_OBJECTS_PER_CLASS, MIN_EVIDENCE_PROBABILITY. Tests: test_likelihood.py, test_posterior.py, test_sameness.py.
+# - posterior: Compute the posterior of u = log scale from all evidence (paper 4.3), and its status: one mode or
+#   competing modes. Limits: MAX_INTERVAL_RATIO, COMPETING_MODE_RATIO, MIN_COMPETING_MASS, MAX_COMPETING_MASS,
+#   PEAK_WIDTH_RATIO, MIN_PEAK_MASS, MIN_MEAN_WEIGHT, MIN_JUDGED_OBJECTS, TEMPERING_EXPONENT, MAX_EDGE_MASS,
+#   MIN_EVIDENCE_LOG_SD, MAX_OBJECTS_PER_CLASS, MIN_EVIDENCE_PROBABILITY. Tests: test_likelihood.py, test_posterior.py,
+#   test_sameness.py.
 # - shared_error: Integrate the product of the objects of a class over their shared error e ~ N(0, B). Limits:
 #   NODE_PRECISION_FACTOR, N_ROW_ARRAYS. Tests: test_posterior.py, test_sameness.py.

@@ -1,4 +1,4 @@
-"""Compute the posterior of u = log scale from all objects and other evidence (paper 4.3, in log space).
+"""Compute the posterior of u = log scale from all evidence (paper 4.3), and its status: one mode or competing modes.
 
     log p(u | y) = log p(u) + sum over classes of log L_c(u) + other evidence      (docs/explanation/posterior.md)
 

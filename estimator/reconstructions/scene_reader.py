@@ -1,4 +1,7 @@
-"""Find and read a reconstruction in any supported format, and join its dense cloud."""
+"""Find and read a reconstruction in any supported format, and join its dense cloud.
+
+Gaussian splats and clouds that are not in the frame of the cameras are refused or not used.
+"""
 
 from __future__ import annotations
 

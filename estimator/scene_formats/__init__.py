@@ -20,8 +20,8 @@
 #   Limits: MAX_SKEW, MAX_BYTES. Tests: test_other_programs.py.
 # - nerfstudio: Read `transforms.json` of nerfstudio and instant-ngp: poses and cameras, with points in a PLY file.
 #   Tests: test_other_programs.py.
-# - networks: Read the output of a network as a scene: cameras, and a dense cloud of its depth maps with their
-#   visibility. Limits: MAX_CLOUD_POINTS, LOW_CONFIDENCE_FRACTION, MAX_EDGE_STEP, DEPTH_TOLERANCE, AGREEMENT_TOLERANCE,
+# - networks: Read the output of a network as a scene: cameras and a dense cloud. Poses of another convention are
+#   refused. Limits: MAX_CLOUD_POINTS, LOW_CONFIDENCE_FRACTION, MAX_EDGE_STEP, DEPTH_TOLERANCE, AGREEMENT_TOLERANCE,
 #   MIN_AGREEMENT_GAIN, N_PAIRS, N_PAIR_POINTS, MAX_ASPECT_DIFFERENCE. Tests: test_networks.py.
 # - photograph: Read one photograph with the depth map or the points of a network as a scene with one view. Tests:
 #   test_photograph.py.

@@ -1,8 +1,9 @@
-"""Read the output of a network as a scene: cameras, and a dense cloud of its depth maps with their visibility.
+"""Read the output of a network as a scene: cameras and a dense cloud. Poses of another convention are refused.
 
-The declarations in `estimator.records.network_outputs` name files, arrays and conventions of each network. The depth
-maps of different views confirm the convention of the poses, or another one. Cameras have the size of the maps; masks of
-full-size images are resampled to it.
+The cloud has the points of the depth maps with their visibility. The declarations in
+`estimator.records.network_outputs` name files, arrays and conventions of each network. The depth maps of different
+views confirm the convention of the poses, or another one. Cameras have the size of the maps; masks of full-size images
+are resampled to it.
 """
 
 from __future__ import annotations

@@ -4,8 +4,8 @@
 # - category: Determine the category of a model from the texts of its file: title, nodes, meshes, file name, folder,
 #   materials. Limits: OTHER_WEIGHT, REPEATED_FRACTION, DROPPED_WORD_FACTOR, MIN_VOTE_FRACTION, MIN_VOTE_WEIGHT,
 #   MAX_TEXTS, MAX_TEXT_WORDS, MAX_TEXT_CHARS, MAX_LISTED. Tests: test_assets.py, test_verdict_limits.py.
-# - check: Check whether the objects of a 3-D model file have their true size: verdict, probability and correction
-#   factor. Limits: MIN_WRONG, MIN_ROTATED, MIN_STRETCHED, MAX_OBJECTS, MIN_LISTED_PROBABILITY. Tests: test_assets.py,
+# - check: Check whether the objects of a 3-D model file have their true size, or a wrong unit, scale or orientation.
+#   Limits: MIN_WRONG, MIN_ROTATED, MIN_STRETCHED, MAX_OBJECTS, MIN_LISTED_PROBABILITY. Tests: test_assets.py,
 #   test_readers.py, test_scale_for.py, test_verdict_limits.py.
 # - hypotheses: Explain the extents of an object: hypotheses about its scale, with their posterior probabilities.
 #   Limits: NAMED_MINIATURE, TOY_CHANCE, ARBITRARY_RANGE, NORMALISED_FRACTION, NORMALISED_M, NORMALISED_SD,

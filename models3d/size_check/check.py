@@ -1,4 +1,7 @@
-"""Check whether the objects of a 3-D model file have their true size: verdict, probability and correction factor."""
+"""Check whether the objects of a 3-D model file have their true size, or a wrong unit, scale or orientation.
+
+The result has a verdict, its probability and the correction factor.
+"""
 
 from __future__ import annotations
 

@@ -270,3 +270,16 @@ def test_a_faced_surface_leaves_the_vertical_open(n_faced: int, method: str) -> 
     points = np.vstack([wall, random.uniform([-2, 1, 0], [2, 2.8, 2.5], (2000, 3))])
     views = [view_at(np.array([0.02 * k, 0, 1.2]), np.array([0.02 * k, 3, 1.2]), "v") for k in range(8)]
     assert refine_up(camera_up(views), points).method == method
+
+
+def test_ten_points_of_a_plane_are_one_observation() -> None:
+    """POINTS_PER_READING: 200 points with noise are 20, and their error is added to the slope of the floor."""
+    random = np.random.default_rng(0)
+    floor_points = np.column_stack([random.uniform(-2, 2, (200, 2)), random.normal(0, 0.05, 200)])
+    points = np.concatenate([floor_points, random.uniform([-2, -2, 0], [2, 2, 20], (60, 3))])
+    flatness, *widths = np.sqrt(np.linalg.eigvalsh(np.cov(floor_points.T)))
+    ends = np.percentile(points[:, :2], [84, 16], axis=0)
+    slope_deg = 0.7 * np.maximum(np.sqrt(np.prod(ends[0] - ends[1])) / 2 / widths, 1.0)
+    floor_deg = np.hypot(np.degrees(flatness / np.array(widths) / np.sqrt(20)), slope_deg)
+    expected = np.sqrt(np.mean(1 / (1 + 1 / floor_deg**2)) + 0.3**2)
+    assert refine_up(up_from_vector([0.0, 0.0, 1.0]), points).sigma_deg == pytest.approx(expected, rel=0.008)

@@ -31,4 +31,5 @@ __getattr__, __dir__, __all__ = lazy_names(
 # - recorded_sources: Evidence in the recording of a scene: positions and inertial data of its video, or positions in
 #   EXIF data.
 # - work_folder: Work folder of a capture: the outputs of each stage are complete or absent, with a stamp of their
-#   inputs. Limits: VERSION, MAX_FREE_OF_FULL_DISK. Tests: test_capture.py, test_instances_file.py, test_work_folder.py.
+#   inputs. Limits: VERSION, MAX_FREE_OF_FULL_DISK. Tests: test_capture.py, test_instances_file.py, test_strategies.py,
+#   test_work_folder.py.

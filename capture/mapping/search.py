@@ -92,7 +92,7 @@ class ModelSearch:
         runs: list[Run] = []
         out_of_time: list[str] = []
         for strategy in STRATEGIES:
-            if not self._is_worthwhile(strategy, [report for _, _, report in runs]):
+            if not self.is_worthwhile(strategy, [report for _, _, report in runs]):
                 continue
             try:
                 runs.append((strategy, *self._run(strategy)))
@@ -127,7 +127,7 @@ class ModelSearch:
             raise CaptureFailure(replace(best.failure, message=best.failure.message + left))
         return digest
 
-    def _is_worthwhile(self, strategy: FeatureStrategy, reports: list[ModelReport]) -> bool:
+    def is_worthwhile(self, strategy: FeatureStrategy, reports: list[ModelReport]) -> bool:
         """Return whether a strategy may improve on the strategies before it."""
         n = len(self.frames.chosen)
         if strategy is QUICK:

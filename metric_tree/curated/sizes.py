@@ -120,7 +120,13 @@ class Norm(CuratedSize, frozen=True, kw_only=True):
     document: Text
     clause: Annotated[str, msgspec.Meta(pattern=r"^[^;]+$")]  # a semicolon separates norms elsewhere
     region: str | None = None
+    share: Annotated[float, msgspec.Meta(gt=0, le=1)] | None = None  #: Fraction of the world's objects of the class.
     written: Text
+
+    @property
+    def source_id(self) -> str:
+        """Id of the raw item of the size."""
+        return f"{self.node_id} {self.size}"
 
 
 class CuratedHeight(msgspec.Struct, frozen=True, kw_only=True):
@@ -168,14 +174,17 @@ def norms(path: Path = _DIRECTORY / "norms.csv") -> tuple[Norm, ...]:
     ------
     BadRange
         A size is not positive, an axis is incomplete or out of order, document or clause is missing, or the sizes of
-        a class state different axes.
+        a class state different axes, or only some of them a share.
     """
     rows: list[Norm] = []
     axes: dict[str, tuple[bool, ...]] = {}
+    shares: dict[str, bool] = {}
     for place, row in read_csv(path, Norm, BadRange):
-        stated = tuple(value is not None for value in row.typical)
+        stated, has_share = tuple(value is not None for value in row.typical), row.share is not None
         with in_file(place, BadRange):
             expect(axes.setdefault(row.node_id, stated) == stated, "axes", "those of the class's other sizes", stated)
+            is_alike = shares.setdefault(row.node_id, has_share) == has_share
+            expect(is_alike, "share", "one for all sizes of the class, or none", row.share)
         rows.append(row)
     return tuple(rows)
 
@@ -262,5 +271,11 @@ def judged_items() -> Iterator[RawItem]:
 def norm_items() -> Iterator[RawItem]:
     """Yield a raw item for each size that a norm allows; its title is the document and the clause."""
     for row in norms():
-        name, title = f"{row.node_id} {row.size}", f"{row.document}, {row.clause}"
-        yield row.item(source=NORMS, source_id=name, title=title, kind="norm", region=row.region)
+        title = f"{row.document}, {row.clause}"
+        yield row.item(source=NORMS, source_id=row.source_id, title=title, kind="norm", region=row.region)
+
+
+@cache
+def norm_shares() -> dict[str, float]:
+    """Return the share of each size that a norm allows by the id of its raw item, 1 if it is not stated."""
+    return {row.source_id: row.share or 1.0 for row in norms()}

@@ -120,7 +120,8 @@ class ClassRows:
     kinds: tuple[str, ...]  #: (n,)
     range_sd: FloatArray  #: (n, 3) stated standard deviation of ln size, NaN without.
     n: int  #: Number of items of the class, without ranges and means.
-    scene_share: FloatArray | None = None  #: (n,) reciprocal of the number of rows in the scene of the row.
+    #: (n,) reciprocal of the number of rows in the scene of the row; of a norm, its share in circulation.
+    scene_share: FloatArray | None = None
 
     @property
     def is_stated(self) -> bool:
@@ -172,6 +173,7 @@ class Statements:
     kinds: tuple[str, ...]  #: (s,)
     means: FloatArray  #: (s, 3) of ln mm, NaN if not stated.
     sd: FloatArray  #: (s, 3) standard deviation of ln size, NaN if not stated.
+    of_items: NDArray[np.bool_]  #: (3,) whether rows of items state the axis.
 
     @property
     def spread(self) -> FloatArray:
@@ -235,6 +237,7 @@ def statements_of(rows: ClassRows) -> Statements:
         tuple(rows.kinds[int(np.flatnonzero(mask)[0])] for mask in by_source),
         np.array([nanmean(first[mask]) for mask in by_source]).reshape(-1, 3),
         np.array([nanmean(rows.range_sd[mask]) for mask in by_source]).reshape(-1, 3),
+        (~np.isnan(first[~np.isin(rows.kinds, sorted(STATEMENTS))])).any(axis=0),
     )
 
 
@@ -248,7 +251,8 @@ def class_belief(belief: NormalInverseWishart, statements: Statements) -> Normal
     """Replace mean and covariance of the prior of a class by its stated sizes and standard deviations.
 
     The stated sizes determine axes that a row leaves open. Their error is the fraction `STATED_SHARED` of the variance
-    of the range, which objects of one scene have in common.
+    of the range, which objects of one scene have in common. The weight of the covariance is that of a range only if the
+    ranges state each axis that items state: the height of compact cars is no evidence for their lengths.
     """
     means = nanmean(statements.means)
     if not np.isnan(means).all():
@@ -261,6 +265,8 @@ def class_belief(belief: NormalInverseWishart, statements: Statements) -> Normal
     part = math.sqrt(1 - STATED_SHARED)
     scale = np.where(is_stated, part * statements.spread, sd) / sd
     covariance = belief.covariance * np.outer(scale, scale)
+    if (statements.of_items & ~is_stated).any():
+        return replace(belief, covariance=covariance)
     floor = min(SPREAD_FLOOR, float(np.nanmin(statements.spread)) / 2)
     return replace(belief, covariance=covariance, covariance_rows=STATED_ROWS, floor=floor)
 

@@ -19,6 +19,7 @@ from metric_base.arrays import FloatArray
 from metric_tree.axes import AXES, EXTENTS, axis_assignments
 from metric_tree.checks.duplicates import duplicates, extent_codes
 from metric_tree.checks.unit_errors import Reference, unit_error_factors
+from metric_tree.curated.sizes import norm_shares
 from metric_tree.fit.class_prior import class_prior
 from metric_tree.fit.contexts import ContextMean, context_means
 from metric_tree.fit.evidence_model import EvidenceModel
@@ -305,6 +306,8 @@ def _node_class(table: pa.Table, n_by_evidence: Counter[tuple[str, str]]) -> tup
         n_by_kind[kind_of_rows] += count
         if kind_of_rows not in STATEMENTS:
             n_by_source[source_id] += count
+    share, of_norms = _scene_share(scene), table.filter(pa.array(kind == NORM))
+    share[kind == NORM] = [norm_shares().get(source_id, 1.0) for source_id in of_norms["source_id"].to_pylist()]
 
     # 1. The rows of the fit: at most MAX_FIT_ROWS per source, without suspected packages if there are other rows.
     fit = np.flatnonzero(hash_ranks(table["source"], table["hash"]) < MAX_FIT_ROWS)
@@ -325,14 +328,12 @@ def _node_class(table: pa.Table, n_by_evidence: Counter[tuple[str, str]]) -> tup
         sd = np.take_along_axis(range_sd[fit], is_extent.argmax(axis=2), axis=1)
         sd = np.where(is_extent.any(axis=2), sd, np.nan)
         names = tuple(origin[fit].tolist()), tuple(kind[fit].tolist())
-        scene_share = _scene_share(scene[fit])
-        frames.append(ClassRows(node_id, axes, np.log(x), owner, *names, sd, n_by_source.total(), scene_share))
+        frames.append(ClassRows(node_id, axes, np.log(x), owner, *names, sd, n_by_source.total(), share[fit]))
     pose_rows = without_open_numbers(frames[0])
 
     # 3. Moments, correlation over rooms, and contexts.
     logs = np.log(sizes[:, 3:] if pose == "any" else sizes[:, :3])
     places = table["region"].to_pylist(), table["year"].to_pylist()
-    norm_titles = table.filter(pa.array(kind == NORM))["title"].to_pylist()
     node_class = NodeClass(
         node_id,
         moments(pose_rows),
@@ -341,8 +342,8 @@ def _node_class(table: pa.Table, n_by_evidence: Counter[tuple[str, str]]) -> tup
         dict(n_by_kind),
         dict(zip(source.tolist(), kind.tolist(), strict=True)),
         class_correlation(logs, source, scene),
-        context_means(logs, origin, kind, *places, _scene_share(scene)),
-        "; ".join(sorted(set(norm_titles))) or None,
+        context_means(logs, origin, kind, *places, share),
+        "; ".join(sorted(set(of_norms["title"].to_pylist()))) or None,
     )
     return node_class, pose_rows
 

@@ -70,11 +70,15 @@ def test_every_norm_has_a_leaf_a_document_and_a_clause_and_no_range_beside_it():
 
 def test_sizes_of_one_norm_state_the_same_axes(tmp_path):
     table = tmp_path / "norms.csv"
-    header = HEADER.replace("node_id,", "node_id,size,").replace("reason,", "document,clause,region,")
-    rows = ["n,A,1,2,3,1,2,3,,,,ISO 1,1,,program,2026", "n,B,1,2,3,,,,,,,ISO 1,1,,program,2026"]
+    header = HEADER.replace("node_id,", "node_id,size,").replace("reason,", "document,clause,region,share,")
+    rows = ["n,A,1,2,3,1,2,3,,,,ISO 1,1,,,program,2026", "n,B,1,2,3,,,,,,,ISO 1,1,,,program,2026"]
     table.write_text(header + "\n".join(rows) + "\n")
     with pytest.raises(BadRange, match=r"norms.csv:3: axes: expected those of the class's other sizes"):
         norms(table)
+    rows = ["n,A,1,2,3,1,2,3,,,,ISO 1,1,,0.6,program,2026", "n,B,1,2,3,1,2,3,,,,ISO 1,1,,,program,2026"]
+    (other := tmp_path / "shares.csv").write_text(header + "\n".join(rows) + "\n")
+    with pytest.raises(BadRange, match=r"shares.csv:3: share: expected one for all sizes of the class, or none"):
+        norms(other)
 
 
 @given(st.lists(st.floats(0.1, 1e6), min_size=3, max_size=3).map(sorted))

@@ -106,7 +106,10 @@ def test_museums_do_not_set_the_centre_of_a_class_that_has_anything_better():
     x = np.tile([5.4, 5.2, 5.5], (40, 1)) + np.random.default_rng(0).normal(0, 0.2, (40, 3))
     museum = source_means(x, np.ones_like(x), np.ones(40), ["museum"] * 40, ["museum"] * 40, WITHIN)
     stated = with_statements(
-        museum, Statements(("judged",), ("judged",), np.array([[4.7, 4.4, 4.6]]), np.full((1, 3), np.nan))
+        museum,
+        Statements(
+            ("judged",), ("judged",), np.array([[4.7, 4.4, 4.6]]), np.full((1, 3), np.nan), np.ones(3, dtype=bool)
+        ),
     )
     centre = class_mean(stated, shrunk_between(stated, model, ""), model, "").mean
     assert np.abs(centre - [4.7, 4.4, 4.6]).max() < 0.2

@@ -40,9 +40,11 @@ MIN_LOG_SD = 0.005
 MIN_WITHIN_SD = 0.01
 MIXED_SD = 1.0
 MIXED_SHARE = 0.05
+STATED_ROWS = 20.0
 STATED_SHARED = 0.35
 
 NAN = np.nan
+NO_AXES = np.zeros(3, dtype=bool)
 
 
 def test_a_matrix_is_made_positive_along_its_axes() -> None:
@@ -91,11 +93,13 @@ def test_the_means_rows_and_spreads_of_sources() -> None:
     assert one.within == pytest.approx(with_min_eigenvalue(within, MIN_WITHIN_SD**2))
     few = source_means(x[:7], known[:7], weights[:7], ["a"] * 7, ["product"] * 7, np.eye(2))
     assert np.isnan(few.spreads).all()
-    stated = with_statements(one, Statements(("n",), ("statistic",), np.array([[2.2, NAN]]), np.full((1, 2), NAN)))
+    stated = with_statements(
+        one, Statements(("n",), ("statistic",), np.array([[2.2, NAN]]), np.full((1, 2), NAN), NO_AXES)
+    )
     assert stated.rows[-1].tolist() == [CERTAIN_ROWS, 0.0]
     assert (stated.sources, stated.kinds, stated.freedom) == (("a", "b", "n"), ("product", "museum", "statistic"), 1.0)
     assert stated.between[0, 0] > 0
-    assert with_statements(one, Statements((), (), np.empty((0, 2)), np.empty((0, 2)))) is one
+    assert with_statements(one, Statements((), (), np.empty((0, 2)), np.empty((0, 2)), NO_AXES)) is one
     none = no_source_means(np.eye(2))
     assert (none.within.tolist(), none.between.tolist(), none.means.shape) == (
         np.eye(2).tolist(),
@@ -315,7 +319,9 @@ def test_how_common_children_are_by_their_witnesses() -> None:
     assert plain_name_weights("a.n.01", ["b.n.01", "c.n.01"], common[1:]) == pytest.approx(common[1:])
 
 
-def _rows(kind: list[str], values: list[list[float]], sd: float = NAN, owner: list[int] | None = None) -> ClassRows:
+def _rows(
+    kind: list[str], values: list[list[float]], sd: float | np.ndarray = NAN, owner: list[int] | None = None
+) -> ClassRows:
     count = len(kind)
     return ClassRows(
         "a", ("length", "width", "height"), np.array(values), np.array(owner or range(len(values))),
@@ -353,6 +359,11 @@ def test_what_ranges_state_source_by_source() -> None:
     assert own.mean == pytest.approx([3.5, 3.5, 5])
     assert own.mean_rows == pytest.approx(max(2.0, (1 - STATED_SHARED) / STATED_SHARED))
     assert np.diagonal(own.covariance) == pytest.approx([(1 - STATED_SHARED) * 0.04] * 3)
+    assert own.covariance_rows == STATED_ROWS
+    height = _rows(["judged", "product"], [[NAN, NAN, 3], [1, 2, NAN]], sd=np.array([NAN, NAN, 0.2]))
+    lone = class_belief(belief, statements_of(height))
+    assert lone.covariance_rows == belief.covariance_rows
+    assert np.diagonal(lone.covariance) == pytest.approx([0.04, 0.09, (1 - STATED_SHARED) * 0.04])
     bounded = within_range(np.diag([0.04, 0.001, 0.02]), stated)
     assert np.diagonal(bounded) == pytest.approx([STATED_SHARED * 0.04, 0.001, STATED_SHARED * 0.04])
 

@@ -178,13 +178,11 @@ def norms(path: Path = _DIRECTORY / "norms.csv") -> tuple[Norm, ...]:
     """
     rows: list[Norm] = []
     axes: dict[str, tuple[bool, ...]] = {}
-    shares: dict[str, bool] = {}
     for place, row in read_csv(path, Norm, BadRange):
-        stated, has_share = tuple(value is not None for value in row.typical), row.share is not None
+        stated = (*(value is not None for value in row.typical), row.share is not None)
+        expected = "those of the class's other sizes, and a share for all of them or none"
         with in_file(place, BadRange):
-            expect(axes.setdefault(row.node_id, stated) == stated, "axes", "those of the class's other sizes", stated)
-            is_alike = shares.setdefault(row.node_id, has_share) == has_share
-            expect(is_alike, "share", "one for all sizes of the class, or none", row.share)
+            expect(axes.setdefault(row.node_id, stated) == stated, "axes", expected, stated)
         rows.append(row)
     return tuple(rows)
 

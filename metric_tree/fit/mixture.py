@@ -58,11 +58,6 @@ class Rows:
     def __len__(self) -> int:
         return len(self.weights)
 
-    @property
-    def dimensions(self) -> int:
-        """Number of axes d."""
-        return int(self.x.shape[1])
-
     @cached_property
     def starts(self) -> NDArray[np.intp]:
         """(n,) index of the first candidate of each row."""
@@ -80,11 +75,11 @@ class Rows:
         These are the candidates (k,), the observed axes (a,), the missing axes (d - a,), and all coordinates (k, d) and
         the observed ones (k, a) of the candidates.
         """
-        is_observed = ~np.isnan(self.x)
-        codes = is_observed @ (1 << np.arange(self.dimensions))
+        is_observed, axis = ~np.isnan(self.x), np.arange(self.x.shape[1])
+        codes = is_observed @ (1 << axis)
         patterns = []
         for code in np.unique(codes):
-            index, has_axis = np.flatnonzero(codes == code), (code >> np.arange(self.dimensions) & 1).astype(bool)
+            index, has_axis = np.flatnonzero(codes == code), (code >> axis & 1).astype(bool)
             axes, x = np.flatnonzero(has_axis), self.x[index]
             patterns.append((index, axes, np.flatnonzero(~has_axis), x, x[:, axes]))
         return patterns
@@ -188,7 +183,7 @@ def complete_rows(rows: Rows, mixture: Mixture) -> tuple[FloatArray, FloatArray]
         Probability that the row states the axis, 0 to 1.
     """
     responsibility, _ = expectation(rows, mixture)
-    x, known = np.zeros((len(rows), rows.dimensions)), np.zeros((len(rows), rows.dimensions))
+    x, known = np.zeros((2, len(rows), rows.x.shape[1]))
     for index, filled, _ in _completions(rows, mixture):
         share = responsibility[index]  # (c, k)
         np.add.at(x, rows.owner[index], np.einsum("ck,kcd->cd", share, filled))

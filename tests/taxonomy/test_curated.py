@@ -77,7 +77,7 @@ def test_sizes_of_one_norm_state_the_same_axes(tmp_path):
         norms(table)
     rows = ["n,A,1,2,3,1,2,3,,,,ISO 1,1,,0.6,program,2026", "n,B,1,2,3,1,2,3,,,,ISO 1,1,,,program,2026"]
     (other := tmp_path / "shares.csv").write_text(header + "\n".join(rows) + "\n")
-    with pytest.raises(BadRange, match=r"shares.csv:3: share: expected one for all sizes of the class, or none"):
+    with pytest.raises(BadRange, match=r"shares.csv:3: axes: expected .* a share for all of them or none"):
         norms(other)
 
 

@@ -9,6 +9,7 @@ import metric_tree
 from metric_tree.axes import AXES, EXTENTS
 from metric_tree.curated.sizes import norms
 from metric_tree.variants import BadVariant, StatedSize, Variant, quantity_in, stated_size_rules, variants
+from taxonomy.catalogue import default_catalogue
 from taxonomy.label_lists import vocabularies, vocabulary
 
 HEADER = (
@@ -207,3 +208,14 @@ def test_every_name_of_a_variant_is_found_and_other_names_need_no_table(tree, mo
     assert tree.stated_meaning("Olympic barbells").how == "variant"
     monkeypatch.delattr("metric_tree.variants.named_variant")
     assert tree.stated_meaning("swivel chairs") is None
+
+
+def test_the_median_of_a_category_with_a_norm_is_the_size_of_a_variant(tree):
+    """A record of 250 mm, the median of equal weights, is no LP."""
+    rows = {row.node_id: [one for one in norms() if one.node_id == row.node_id] for row in norms() if row.share}
+    assert {"phonograph_record.n.01", "license_plate.n.01", "brick.n.01", "mt:wheelie_bin"} <= set(rows)
+    for node_id, sizes in rows.items():
+        prior = tree.node(default_catalogue().leaf_of(node_id)).prior()
+        stated = np.array([sorted(filter(None, one.typical)) for one in sizes])
+        for median, mm in zip(prior.dims, prior.quantile(0.5), strict=True):
+            assert np.abs(np.log(stated / mm)).min() < 0.02, (node_id, median, mm)

@@ -306,8 +306,6 @@ def _node_class(table: pa.Table, n_by_evidence: Counter[tuple[str, str]]) -> tup
         n_by_kind[kind_of_rows] += count
         if kind_of_rows not in STATEMENTS:
             n_by_source[source_id] += count
-    share, of_norms = _scene_share(scene), table.filter(pa.array(kind == NORM))
-    share[kind == NORM] = [norm_shares().get(source_id, 1.0) for source_id in of_norms["source_id"].to_pylist()]
 
     # 1. The rows of the fit: at most MAX_FIT_ROWS per source, without suspected packages if there are other rows.
     fit = np.flatnonzero(hash_ranks(table["source"], table["hash"]) < MAX_FIT_ROWS)
@@ -315,6 +313,10 @@ def _node_class(table: pa.Table, n_by_evidence: Counter[tuple[str, str]]) -> tup
     is_package: NDArray[np.bool_] = np.array([PACKAGE in (row or ()) for row in flags], dtype=bool)
     if (~is_package & np.isin(kind[fit], sorted(STRONG | {JUDGED}))).any():
         fit = fit[~is_package]
+
+    share = _scene_share(scene[fit])
+    of_norms = table.take(pa.array(fit[kind[fit] == NORM]))
+    share[kind[fit] == NORM] = [norm_shares().get(one, 1.0) for one in of_norms["source_id"].to_pylist()]
 
     # 2. Possible axis assignments of these rows, by pose and by sorted extents.
     range_sd = np.full((table.num_rows, 3), np.nan)
@@ -328,7 +330,7 @@ def _node_class(table: pa.Table, n_by_evidence: Counter[tuple[str, str]]) -> tup
         sd = np.take_along_axis(range_sd[fit], is_extent.argmax(axis=2), axis=1)
         sd = np.where(is_extent.any(axis=2), sd, np.nan)
         names = tuple(origin[fit].tolist()), tuple(kind[fit].tolist())
-        frames.append(ClassRows(node_id, axes, np.log(x), owner, *names, sd, n_by_source.total(), share[fit]))
+        frames.append(ClassRows(node_id, axes, np.log(x), owner, *names, sd, n_by_source.total(), share))
     pose_rows = without_open_numbers(frames[0])
 
     # 3. Moments, correlation over rooms, and contexts.
@@ -342,7 +344,7 @@ def _node_class(table: pa.Table, n_by_evidence: Counter[tuple[str, str]]) -> tup
         dict(n_by_kind),
         dict(zip(source.tolist(), kind.tolist(), strict=True)),
         class_correlation(logs, source, scene),
-        context_means(logs, origin, kind, *places, share),
+        context_means(logs, origin, kind, *places, _scene_share(scene)),
         "; ".join(sorted(set(of_norms["title"].to_pylist()))) or None,
     )
     return node_class, pose_rows

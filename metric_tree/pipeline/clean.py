@@ -57,7 +57,7 @@ MAX_CLASS_ROWS = 20_000
 #: Flag of rows whose size may be the size of the package.
 PACKAGE = "suspect_package"
 #: Rows of which a class is made.
-CLASS_ROWS = pa.schema([field for field in ROWS if field.name not in {"item_id", "source_id", "url", "attribution"}])
+CLASS_ROWS = pa.schema([field for field in ROWS if field.name not in {"item_id", "url", "attribution"}])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -233,7 +233,7 @@ def test_sizes_are_printed_as_people_state_them(capsys: pytest.CaptureFixture[st
     """A door is wide and a can has a diameter; a table has one unit and one number of decimals."""
     assert main(["query", "office chair", "--units", "in"]) == 0
     chair = capsys.readouterr().out
-    assert "24.8 x 23.5 x 38.5 in (width x depth x height)" in chair
+    assert "24.8 x 23.5 x 38.4 in (width x depth x height)" in chair
     cells = re.findall(r"^ (?:width|depth|height).*?((?:\s+[\d.]+)+)$", chair, re.MULTILINE)
     assert len(cells) == 3
     assert {len(number.partition(".")[2]) for row in cells for number in row.split()} == {1}

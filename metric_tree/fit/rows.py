@@ -237,7 +237,7 @@ def statements_of(rows: ClassRows) -> Statements:
         tuple(rows.kinds[int(np.flatnonzero(mask)[0])] for mask in by_source),
         np.array([nanmean(first[mask]) for mask in by_source]).reshape(-1, 3),
         np.array([nanmean(rows.range_sd[mask]) for mask in by_source]).reshape(-1, 3),
-        (~np.isnan(first[~np.isin(rows.kinds, sorted(STATEMENTS))])).any(axis=0),
+        np.asarray((~np.isnan(first[~np.isin(rows.kinds, sorted(STATEMENTS))])).any(axis=0)),
     )
 
 

@@ -172,11 +172,6 @@ def insert(request: InsertionRequest, scene: InsertionScene, progress: ProgressC
             sinks.append(LayerWriter(export, frames, metres_per_unit))
         if layers is not None:
             sinks.append(CompositingLayers(layers, objects, frames, metres_per_unit))
-        environment, tracing = None, None
-        if request.renderer == "blender" or export is not None or layers is not None:
-            environment = scene.light.environment(objects[0].placement.position, objects[0].height)
-            if request.renderer == "blender":
-                tracing = traced_layers(objects, footage, scene.content, environment, progress)
         compositor = Compositor(
             objects,
             scene.light,
@@ -188,12 +183,15 @@ def insert(request: InsertionRequest, scene: InsertionScene, progress: ProgressC
             motion=None if video is None else motion_blur(video.frames, scene.images, scene.content.cloud),
         )
         stack.enter_context(closing(compositor))
+        environment, tracing = compositor.renderers[0].environment, None
+        if request.renderer == "blender":
+            tracing = traced_layers(objects, footage, scene.content, environment, progress)
         results = composite_footage(compositor, footage, scene.scale, write, tracing=tracing, progress=progress)
 
         # 3. Files for other programs.
-        if layers is not None and environment is not None and any(frame.view is not None for frame in frames):
+        if layers is not None and any(frame.view is not None for frame in frames):
             write_layer_scene(layers, objects, frames, environment)
-        if export is not None and environment is not None:
+        if export is not None:
             warnings += write_exports(export, scene.scene, objects, frames, results)
             warnings += export_blend(export, objects, frames, environment)
             moving_names = [item.model.name for item in objects if item.moves]

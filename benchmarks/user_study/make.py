@@ -6,6 +6,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -93,7 +94,6 @@ def _images(prepared: Any, placed: Sequence[Any], frame: str | None) -> dict[int
     """Return the image (h, w, 3) of a frame by step, with the first object scaled about the centre of its base."""
     from benchmarks.user_study.page import STEPS
     from insertion.composite.compositor import Compositor
-    from insertion.placement.placed_object import resize
     from metric_cli.progress import track
 
     chosen = _shot(prepared, placed, frame)
@@ -101,10 +101,16 @@ def _images(prepared: Any, placed: Sequence[Any], frame: str | None) -> dict[int
     light, content, start_s = prepared.light, prepared.content, prepared.footage.start_s
     drawn = {}
     for step in track(STEPS, "drawing the sizes", len(STEPS)):
-        objects = [resize(placed[0], 1 + step / 100), *placed[1:]]
+        objects = [_resized(placed[0], 1 + step / 100), *placed[1:]]
         with closing(Compositor(objects, light, content, start_s)) as compositor:
             drawn[step] = compositor.draw(chosen, image)
     return drawn
+
+
+def _resized(placed: Any, factor: float) -> Any:
+    """Return an object scaled about its foot."""
+    size = replace(placed.size, factor=placed.size.factor * factor)
+    return replace(placed, size=size, body=replace(placed.body, unit=placed.body.unit * factor))
 
 
 def _shot(prepared: Any, placed: Sequence[Any], frame: str | None) -> Any:

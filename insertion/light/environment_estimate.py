@@ -449,13 +449,11 @@ def fill_unseen(radiance: FloatArray, coverage: FloatArray) -> FloatArray:
 
     area = solid_angles()[:, None]
     result, known = radiance * coverage[..., None], coverage.copy()
+    weighted = np.dstack([radiance, np.ones(coverage.shape)]) * (coverage * area)[..., None]
     for sigma in (1.0, 2.0, 4.0, 8.0, 16.0, 48.0):
-        weight = gaussian_filter(coverage * area, sigma, mode=("nearest", "wrap"))
-        channels = [
-            gaussian_filter(radiance[..., c] * coverage * area, sigma, mode=("nearest", "wrap")) for c in range(3)
-        ]
-        colour = np.stack(channels, axis=-1) / np.maximum(weight, 1e-12)[..., None]
-        fraction = np.clip(weight / area * 4, 0, 1) * (1 - known)
+        sums = gaussian_filter(weighted, (sigma, sigma, 0), mode=("nearest", "wrap", "nearest"))
+        colour = sums[..., :3] / np.maximum(sums[..., 3:], 1e-12)
+        fraction = np.clip(sums[..., 3] / area * 4, 0, 1) * (1 - known)
         result += fraction[..., None] * colour
         known += fraction
     return np.asarray(result / np.maximum(known, 1e-6)[..., None])

@@ -314,8 +314,7 @@ def _refine_lamps(
         near = local_candidates(candidates, old.position, old.facing, spread, planes.cells, planes.occupancy, generator)
         new = _best_lamp(planes, near, others, old.ratio * LOCAL_FACTORS)
         lamps = [*others[:index], new, *others[index:]]
-    score = lamps[-1].score
-    return [replace(fitted, score=score) for fitted in lamps], planes
+    return lamps, planes
 
 
 def balance_lamps(lamps: list[_FittedLamp], planes: PlaneShading) -> tuple[list[_FittedLamp], PlaneShading]:

@@ -127,12 +127,6 @@ def place_objects(
     return placed
 
 
-def resize(placed: PlacedObject, factor: float) -> PlacedObject:
-    """Return an object scaled about its foot."""
-    size = replace(placed.size, factor=placed.size.factor * factor)
-    return replace(placed, size=size, body=replace(placed.body, unit=placed.body.unit * factor))
-
-
 def footprint(
     model: Model, size: ModelSize, metres_per_unit: float, extents: FloatArray | None = None
 ) -> tuple[float, float]:

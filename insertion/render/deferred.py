@@ -56,8 +56,7 @@ class DeferredTargets:
         import cv2
 
         context = self._context
-        colour = np.empty((window.height, window.width, 4), np.float32)
-        seen = np.empty((window.height, window.width, 2), np.float32)
+        layers = np.empty((window.height, window.width, 6), np.float32)
         coverage = np.empty((window.height, window.width), np.float32)
         self._resize(min(window.width, TILE), min(window.height, TILE))
         for y, x in itertools.product(range(0, window.height, TILE), range(0, window.width, TILE)):
@@ -81,8 +80,8 @@ class DeferredTargets:
                 cover.program[name].value = unit
             cover.render(mode=context.TRIANGLE_STRIP)
             rows, columns = slice(y, y + height), slice(x, x + width)
-            colour[rows, columns] = read_layer(self._lit, (width, height), 0, 4)
-            seen[rows, columns] = read_layer(self._lit, (width, height), 1, 2)
+            layers[rows, columns, :4] = read_layer(self._lit, (width, height), 0, 4)
+            layers[rows, columns, 4:] = read_layer(self._lit, (width, height), 1, 2)
 
             # 3. Its coverage by the samples of four quarters of each pixel.
             smooth, plain = self._quarters
@@ -95,7 +94,12 @@ class DeferredTargets:
             context.copy_framebuffer(plain, smooth)
             quarters = read_layer(plain, (2 * width, 2 * height), 0, 1)
             coverage[rows, columns] = cv2.resize(quarters, (width, height), interpolation=cv2.INTER_AREA)
-        return with_coverage(colour, seen, coverage)
+
+        # 4. The colour of an edge is that of its samples, or of its neighbours if it has none.
+        is_edge = (coverage > 0) & ((coverage < 1) | (layers[..., 3] < 1))
+        source = np.where(layers[..., 3:4] > 0, layers, cv2.blur(layers, (3, 3)))[is_edge]
+        layers[is_edge] = source * (coverage[is_edge] / np.maximum(source[:, 3], 1e-6))[:, None]
+        return layers[..., :4], layers[..., 4:]
 
     def _resize(self, width: int, height: int) -> None:
         """Allocate buffers of at least this size, and release the previous ones."""
@@ -113,19 +117,3 @@ class DeferredTargets:
             make.framebuffer([make.renderbuffer(twice, 1)]),
         )
         self._size = size
-
-
-def with_coverage(
-    colour: NDArray[np.float32], seen: NDArray[np.float32], coverage: NDArray[np.float32]
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return layers of `DeferredTargets.draw` whose edges have a finer coverage (h, w).
-
-    The colour of an edge is that of its samples, or of its neighbours if it has none.
-    """
-    import cv2
-
-    is_edge = (coverage > 0) & ((coverage < 1) | (colour[..., 3] < 1))
-    both = np.dstack([colour, seen])
-    source = np.where(colour[..., 3:] > 0, both, cv2.blur(both, (3, 3)))[is_edge]
-    both[is_edge] = source * (coverage[is_edge] / np.maximum(source[:, 3], 1e-6))[:, None]
-    return both[..., :4], both[..., 4:]

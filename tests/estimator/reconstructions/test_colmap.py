@@ -174,3 +174,13 @@ def test_points_of_a_reconstruction_in_memory_are_finite(x: float, is_valid: boo
     )
     with pytest.raises(KeyError if is_valid else InputError, match="1" if is_valid else "points: expected finite"):
         scene_of_reconstruction(model)  # a valid point is followed by the search for the camera
+
+
+@pytest.mark.parametrize(("number", "is_read"), [(2**53, True), (2**53 + 2, False), (1.5, False), (-(2**53), True)])
+def test_ids_of_points_are_integers_that_doubles_represent(number: float, is_read: bool, tmp_path: Path) -> None:
+    """MAX_EXACT of 2^53."""
+    (tmp_path / "cameras.txt").write_text("1 SIMPLE_PINHOLE 640 480 500 320 240\n")
+    (tmp_path / "images.txt").write_text(f"1 1 0 0 0 0 0 0 1 a.jpg\n10 20 {number}\n")
+    (tmp_path / "points3D.txt").write_text(f"{number} 0 0 5 90 90 90 0.5 1 0\n")
+    with nullcontext() if is_read else pytest.raises(InputError, match="expected whole numbers"):
+        assert len(read_colmap(tmp_path).points) == 1

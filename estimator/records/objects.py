@@ -52,8 +52,6 @@ class MeasuredObject:
     point_rows: IntArray | None = None  #: (k,) indices of its points in `cloud`.
     cloud: str = ""  #: "sparse" or "dense", the cloud in which it was measured.
     members: tuple[int, ...] = ()  #: Indices of its instances.
-    #: (3, 2) excess of the masks over the points at the low and high end of each axis, relative to the extent, or NaN.
-    beyond: FloatArray | None = None
     skipped: str | None = None  #: Reason why it was not measured.
     notes: tuple[str, ...] = ()
     #: (3, 3) of the log extents if their errors are correlated (all depend on one depth); None if independent.

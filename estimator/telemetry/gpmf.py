@@ -112,8 +112,7 @@ def _samples(stream: dict[bytes, Key], dilution: list[float]) -> Iterator[tuple[
         if name not in stream:
             continue
         key = stream[name]
-        is_mixed = key.kind == b"?" and b"TYPE" in stream
-        table = _mixed_numbers(key, stream[b"TYPE"].value) if is_mixed else _numbers(key)
+        table = _numbers(key, stream[b"TYPE"].value if key.kind == b"?" and b"TYPE" in stream else b"")
         if b"SCAL" in stream and table.size:
             scale = _numbers(stream[b"SCAL"]).ravel()
             if scale.size in (1, table.shape[1]) and (scale != 0).all():
@@ -125,25 +124,19 @@ def _samples(stream: dict[bytes, Key], dilution: list[float]) -> Iterator[tuple[
             yield name, float(stamp[0, 0]) * 1e-6 if stamp.size else None, values
 
 
-def _numbers(key: Key) -> FloatArray:
-    """Return the numbers (n, k) of a key; empty if its type is unknown."""
-    dtype = np.dtype(_DTYPES[key.kind]) if key.kind in _DTYPES else None
-    if dtype is None or key.size % dtype.itemsize or not key.repeat:
+def _numbers(key: Key, kinds: bytes = b"") -> FloatArray:
+    """Return the numbers (n, k) of a key, whose columns have types `kinds` if it is mixed; empty if one is unknown."""
+    if key.kind in _DTYPES:
+        kinds = key.kind * (key.size // np.dtype(_DTYPES[key.kind]).itemsize)
+    columns = [kinds[k : k + 1] for k in range(len(kinds))]
+    if not columns or not key.repeat or not _DTYPES.keys() >= set(columns):
         return np.empty((0, 1))
-    table = np.frombuffer(key.value, dtype).reshape(key.repeat, -1).astype(np.float64)
-    return np.asarray(table / _FIXED_POINT.get(key.kind, 1.0))
-
-
-def _mixed_numbers(key: Key, kinds: bytes) -> FloatArray:
-    """Return the numbers (n, k) of a key whose columns have different types; empty if one is unknown."""
-    dtypes = [_DTYPES.get(kinds[k : k + 1]) for k in range(len(kinds))]
-    if not dtypes or any(dtype is None for dtype in dtypes):
-        return np.empty((0, 1))
-    row = np.dtype([(f"c{k}", dtype) for k, dtype in enumerate(dtypes) if dtype is not None])
-    if row.itemsize != key.size or not key.repeat:
+    row = np.dtype([(f"c{k}", _DTYPES[kind]) for k, kind in enumerate(columns)])
+    if row.itemsize != key.size:
         return np.empty((0, 1))
     table = np.frombuffer(key.value, row)
-    return np.column_stack([table[name].astype(np.float64) for name in table.dtype.names or ()])
+    scales = [_FIXED_POINT.get(kind, 1.0) for kind in columns]
+    return np.column_stack([table[f"c{k}"].astype(np.float64) / scale for k, scale in enumerate(scales)])
 
 
 def _in_axis_order(values: FloatArray, stream: dict[bytes, Key]) -> FloatArray:

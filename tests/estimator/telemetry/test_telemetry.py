@@ -276,6 +276,13 @@ def test_readings_of_several_types_have_the_types_of_their_stream(kinds: bytes, 
     assert len(gpmf_telemetry([Packet(0.0, 1.0, stream)]).specific_force) == n_readings
 
 
+def test_fixed_point_columns_are_divided_in_readings_of_several_types() -> None:
+    values = b"".join(value.to_bytes(size, "big") for value, size in ((1, 2), (5 << 15, 4), (3, 2)))
+    readings = b"ACCL?" + bytes([8]) + (1).to_bytes(2, "big") + values
+    stream = gpmf_stream([gpmf_key("TYPE", "c", b"sqs"), readings])
+    assert gpmf_telemetry([Packet(0.0, 1.0, stream)]).specific_force.values.tolist() == [[1, 2.5, 3]]
+
+
 @pytest.mark.parametrize(
     ("text", "positions"),
     [

@@ -12,6 +12,7 @@ from itertools import combinations
 from pathlib import Path
 from typing import Any, Literal
 
+from metric_tree.axes import AXES
 from metric_tree.node import Node
 from metric_tree.tree import Tree, open_tree
 from models3d.asset import Asset, AssetBody, Up, merge_bodies
@@ -86,7 +87,7 @@ class AssetCheck:
                 "probability": round(hypothesis.probability, 4),
             }
             if hypothesis.axis is not None:
-                record["axis"] = ("length", "width", "height")[hypothesis.axis]
+                record["axis"] = AXES[hypothesis.axis]
             listed.append(record)
         height = self.true_size.height_m if self.true_size else None
         return {

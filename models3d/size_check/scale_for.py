@@ -18,12 +18,13 @@ import numpy as np
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
 from metric_base.parsing import finite_numbers
+from metric_tree.axes import AXES
 from metric_tree.tree import Tree, open_tree
 from models3d.asset import MAX_COORDINATE_M, AssetBody, Up
 from models3d.size_check.category import named_category
 from models3d.size_check.check import Verdict, miniature_chance, verdict_of
 from models3d.size_check.hypotheses import ARBITRARY_RANGE, hypotheses
-from models3d.size_check.size_model import NAMED, node_model
+from models3d.size_check.size_model import node_model
 from models3d.size_check.true_size import LEVEL, common_factor
 
 #: Prior probability that evidence about the factor is wrong, as for evidence in a scene.
@@ -102,9 +103,9 @@ def scale_for(
     ('wrong unit', 0.01)
     """
     if isinstance(extents, Mapping):
-        if set(extents) != set(NAMED):
+        if set(extents) != set(AXES):
             raise InputError.at("scale_for", "extents", "length, width and height", sorted(extents))
-        extents, up = [extents[name] for name in NAMED], "z"
+        extents, up = [extents[name] for name in AXES], "z"
     sides = np.array(finite_numbers(extents, limit=MAX_COORDINATE_M))
     if sides.shape != (3,) or not (sides > 0).all():
         raise InputError.at("scale_for", "extents", "three positive numbers", sides.tolist())

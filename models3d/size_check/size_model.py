@@ -17,6 +17,7 @@ import numpy as np
 
 from metric_base.arrays import FloatArray
 from metric_base.statistics import gaussian_log_densities, mixture_log_density
+from metric_tree.axes import AXES, EXTENTS
 from metric_tree.prior import Prior
 from metric_tree.tree import Tree
 
@@ -34,8 +35,6 @@ UNLIKE_FRACTION = {"norm": 0.05, "measured": 0.05, "few": 0.08, "models": 0.08, 
 UNLIKE_UNKNOWN = 0.1
 #: Minimum of this fraction if the category is broader than the text of the file.
 UNLIKE_BROADER = 0.3
-NAMED = ("length", "width", "height")
-SORTED = ("extent1", "extent2", "extent3")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,8 +109,8 @@ def size_model(prior: Prior, tier: str | None, *, is_broader: bool = False) -> S
     is_broader : bool, default False
         The category is broader than the text of the file.
     """
-    is_sorted = prior.dims[0] in SORTED
-    names = SORTED if is_sorted else NAMED
+    is_sorted = prior.dims[0] in EXTENTS
+    names = EXTENTS if is_sorted else AXES
     d = len(prior.dims)
     artist = ARTIST_COMMON_SD**2 + ARTIST_SIDE_SD**2 * np.eye(d)
     unlike = UNLIKE_COMMON_SD**2 + UNLIKE_SIDE_SD**2 * np.eye(d)

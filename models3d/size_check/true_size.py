@@ -6,7 +6,6 @@ each component gives a Gaussian in u, weighted by the evidence of the proportion
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +15,7 @@ import numpy as np
 
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
+from metric_base.statistics import mixture_log_density
 from metric_tree.tree import Tree
 from models3d.asset import AXES, Asset, AssetBody, Up, merge_bodies
 from models3d.formats import read_boxes
@@ -66,9 +66,7 @@ def common_factor(
     grid = np.linspace(lowest, highest, N_GRID_POINTS)
     log_density = np.zeros_like(grid)
     for weights, means, sds in posteriors:
-        z = (grid[:, None] - means) / sds
-        density = (weights / (sds * math.sqrt(2 * math.pi)) * np.exp(-(z**2) / 2)).sum(axis=1)
-        log_density += np.log(density + 1e-300)
+        log_density += mixture_log_density(grid[:, None], weights, means[:, None], sds[:, None, None] ** 2)
     mass = np.exp(log_density - log_density.max())
     mean_likelihood = 1.0
     if likelihood is not None:

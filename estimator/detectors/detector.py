@@ -35,7 +35,7 @@ from estimator.detectors.one_stage import (
 from estimator.detectors.registry import download, registry_entry, registry_entry_of
 from estimator.instances.mask_decoding import box_mask
 from metric_base.arrays import BoolArray, FloatArray, IntArray
-from metric_base.errors import FieldError, InputError, Unquoted, in_file
+from metric_base.errors import FieldError, InputError, Unquoted, damage_as_field_error, in_file
 from metric_base.input_files import read_text
 from metric_base.operating_system import growth_limit
 from metric_base.progress import NoticeCallback, no_notice
@@ -79,6 +79,8 @@ SCORE_TOLERANCE = 1e-3
 #: Maximum side of an input or of a mask, in pixels.
 MAX_SIDE_PX = 10_000
 Image = NDArray[np.uint8]
+#: Convert an error of onnxruntime, whose errors have no common base.
+_onnx_errors = partial(damage_as_field_error, found=lambda error: (str(error).splitlines() or ["an error"])[0])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -271,11 +273,8 @@ def _load_graph(path: Path) -> Any:
 
     options = onnxruntime.SessionOptions()
     options.log_severity_level = _FATAL
-    try:
+    with in_file(path), _onnx_errors("an ONNX graph that onnxruntime loads", field="detector"):
         return onnxruntime.InferenceSession(str(path), options, providers=onnxruntime.get_available_providers())
-    except Exception as error:  # noqa: BLE001 - onnxruntime exports no common base of its errors
-        line = (str(error).splitlines() or ["an error"])[0]
-        raise InputError.at(path, "detector", "an ONNX graph that onnxruntime loads", Unquoted(line)) from None
 
 
 def run_graph(session: Any, path: Path, outputs: list[str] | None, inputs: dict[str, Any]) -> list[NDArray[Any]]:
@@ -287,13 +286,11 @@ def run_graph(session: Any, path: Path, outputs: list[str] | None, inputs: dict[
     timer = threading.Timer(MAX_IMAGE_S, setattr, (options, "terminate", True))
     timer.daemon = True
     timer.start()
+    expected = f"outputs for an image of shape {next(iter(inputs.values())).shape}"
     try:
-        with growth_limit(MAX_RUN_BYTES):  # a graph of a hundred bytes can allocate terabytes
+        # A graph of a hundred bytes can allocate terabytes.
+        with in_file(path), _onnx_errors(expected, field="run"), growth_limit(MAX_RUN_BYTES):
             return [np.asarray(output) for output in session.run(outputs, inputs, options)]
-    except Exception as error:  # noqa: BLE001 - onnxruntime exports no common base of its errors
-        line = (str(error).splitlines() or ["an error"])[0]
-        shape = next(iter(inputs.values())).shape
-        raise InputError.at(path, "run", f"outputs for an image of shape {shape}", Unquoted(line)) from None
     finally:
         timer.cancel()
 

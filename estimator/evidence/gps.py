@@ -24,6 +24,7 @@ from estimator.reconstructions.image_files import image_file, image_folders
 from estimator.records.objects import Measurements, Up
 from estimator.records.result import TAKEN_AS_METRES, ScaleEvidence
 from estimator.records.scene import Scene
+from estimator.telemetry.gpmf import METRES_PER_DILUTION
 from estimator.telemetry.records import Positions
 from metric_base.arrays import FloatArray
 from metric_base.errors import FieldError, InputError, Unquoted, at_field, in_file
@@ -67,8 +68,6 @@ MIN_DIRECTION_EXTENT = 0.1
 LAT_REF, LAT, LON_REF, LON, ALT_REF, ALT = 1, 2, 3, 4, 5, 6
 #: EXIF: dilution of precision, and the horizontal error in metres.
 DILUTION, POSITIONING_ERROR = 0x0B, 0x1F
-#: Error of a position in metres per unit of dilution.
-METRES_PER_DILUTION = 2.5
 #: Error of a position in metres if none is stated: typical of a phone under open sky.
 TYPICAL_ACCURACY_M = 5.0
 #: Fraction of the error of a receiver that changes along a recording; the remainder shifts the path.

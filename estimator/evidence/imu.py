@@ -15,6 +15,7 @@ The rotation of the camera is not used: in stabilised videos, it is not that of 
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 
@@ -198,12 +199,8 @@ def force_in_fixed_frame(times_s: FloatArray, force: FloatArray, rates: FloatArr
     from scipy.spatial.transform import Rotation
 
     steps = Rotation.from_rotvec(0.5 * (rates[1:] + rates[:-1]) * np.diff(times_s)[:, None]).as_matrix()
-    attitude, rotated = np.eye(3), np.empty_like(force)
-    for k in range(len(force)):
-        rotated[k] = attitude @ force[k]
-        if k < len(steps):
-            attitude = attitude @ steps[k]
-    return rotated
+    attitudes = np.array([*itertools.accumulate(steps, np.matmul, initial=np.eye(3))])  # (m, 3, 3)
+    return np.asarray(np.einsum("nij,nj->ni", attitudes, force))
 
 
 def double_integral(times_s: FloatArray, acceleration: FloatArray) -> FloatArray:

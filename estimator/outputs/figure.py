@@ -46,17 +46,6 @@ AXIS_MARGIN = 1.25
 AXIS_TAIL_FRACTION = 0.1
 #: Minimum likelihood that is drawn, relative to its peak.
 _MIN_DRAWN_LIKELIHOOD = 1e-3
-#: Ticks of the axis of scales within a decade, from coarse to fine.
-_TICK_STEPS = (
-    (1,),
-    (1, 3),
-    (1, 2, 5),
-    (1, 1.5, 2, 3, 4, 5, 6, 8),
-    tuple(np.arange(1, 10, 0.5)),
-    tuple(np.arange(1, 10, 0.1)),
-)
-#: Maximum number of ticks.
-MAX_TICKS = 10
 
 
 def write_figure(estimate: SceneEstimate | ScaleResult, file: Path) -> None:
@@ -209,7 +198,7 @@ def _scale_range(result: ScaleResult) -> tuple[float, float]:
 def _draw_rows(axes: Axes, result: ScaleResult, rows: Sequence[_Row]) -> None:
     """Draw the rows of objects and other evidence: likelihood, scale if it is outside the axis, and name."""
     from matplotlib.patheffects import Normal, Stroke
-    from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
     if result.curve is None or not rows:
         axes.set_axis_off()
@@ -235,14 +224,7 @@ def _draw_rows(axes: Axes, result: ScaleResult, rows: Sequence[_Row]) -> None:
         tick.set_color(COLOURS[row.verdict])
     axes.set_ylim(len(rows) - 0.4, -1.2)
     axes.set_xlim(low, high)
-    # Ticks at 1, 2 and 5 times powers of ten.
-    decades = 10.0 ** np.arange(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
-    ticks: FloatArray = np.empty(0)
-    for steps in _TICK_STEPS:
-        finer = np.outer(decades, steps).ravel()
-        finer = finer[(finer >= low) & (finer <= high)]
-        ticks = finer if len(finer) <= MAX_TICKS else ticks
-    axes.xaxis.set_major_locator(FixedLocator(ticks.tolist()))
+    axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     axes.xaxis.set_minor_locator(NullLocator())
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.3g}"))
     verdicts = [item.verdict for item in result.objects if item.dimensions]

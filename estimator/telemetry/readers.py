@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from estimator.telemetry.gpmf import Packet, gpmf_telemetry
+from estimator.telemetry.gpmf import MIN_FIX, Packet, gpmf_telemetry
 from estimator.telemetry.records import Positions, Samples, Telemetry
 from metric_base.errors import InputError, Unquoted, at_field, expect, in_file
 from metric_base.input_files import read_json, read_text
@@ -24,8 +24,6 @@ from metric_base.parsing import csv_rows, finite_numbers, json_array, json_objec
 #: Layout of a CAMM packet by its type, after the first four bytes.
 _CAMM_LAYOUTS = {0: "<3f", 1: "<2i", 2: "<3f", 3: "<3f", 4: "<3f", 5: "<3d", 6: "<di2d7f", 7: "<3f"}
 _GYROSCOPE, _ACCELEROMETER, _POSITION, _FULL_POSITION = 2, 3, 5, 6
-#: Minimum type of a satellite fix: 2 is a position without altitude, 3 with altitude.
-MIN_FIX = 2
 #: Options of FFmpeg that restrict it to this file, as a container of images and sound, without lists of other files.
 READ_ALONE = {"protocol_whitelist": "file", "format_whitelist": "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpegts,mpeg"}
 #: Maximum size of the metadata tracks of a video in bytes: hours of all sensors.

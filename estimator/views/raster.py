@@ -6,7 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
+from estimator.outputs.label_placement import place_labels
 from estimator.records.objects import EDGES
 from estimator.views.glb import FACES
 from estimator.views.scene_view import COLOURS, BoxView, SceneView
@@ -24,10 +26,8 @@ TILT_DEG = 28.0
 FILLED_FRACTION = 0.9
 #: Distance of the camera from the centre of the scene, relative to its diagonal.
 EYE_DISTANCE = 2.2
-#: Minimum distance between two labels, in pixels.
-LABEL_GAP_PX = 9
-#: Steps by which a label is moved down until it does not overlap any other, in pixels.
-LABEL_STEP_PX = 8
+#: Margin of the text of a label, in pixels.
+LABEL_MARGIN_PX = 4
 
 _BACKGROUND = (250, 250, 248)
 
@@ -75,10 +75,8 @@ class _Projection:
 
     def __init__(self, view: SceneView, width: int, height: int) -> None:
         low, high = view.bounds()
-        azimuth, tilt = np.radians(AZIMUTH_DEG), np.radians(TILT_DEG)
-        about_y = np.array([[np.cos(azimuth), 0, -np.sin(azimuth)], [0, 1, 0], [np.sin(azimuth), 0, np.cos(azimuth)]])
-        about_x = np.array([[1, 0, 0], [0, np.cos(tilt), -np.sin(tilt)], [0, np.sin(tilt), np.cos(tilt)]])
-        self._rotation, self._centre = about_x @ about_y, (low + high) / 2
+        self._rotation = Rotation.from_euler("yx", [-AZIMUTH_DEG, TILT_DEG], degrees=True).as_matrix()
+        self._centre = (low + high) / 2
         self._eye = EYE_DISTANCE * float(np.linalg.norm(high - low))
         ends = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
         plane, _ = self._to_plane(ends)
@@ -135,25 +133,13 @@ def with_labels(canvas: Any, view: SceneView, boxes: list[tuple[BoxView, FloatAr
     draw, font, large = ImageDraw.Draw(image), ImageFont.load_default(15), ImageFont.load_default(22)
     draw.text((20, 16), view.headline, (20, 30, 30), large)
     draw.text((float(head[0]) + 6, float(head[1]) - 10), "up", COLOURS["up"], font)
-    taken: list[tuple[float, float, float, float]] = []  # left, top, right, bottom
-
-    def is_taken(spot: tuple[float, ...]) -> bool:
-        return any(
-            all(spot[k] < other[k + 2] + LABEL_GAP_PX and other[k] < spot[k + 2] + LABEL_GAP_PX for k in (0, 1))
-            for other in taken
-        )
-
-    for box, corners in reversed(boxes):  # the nearest first
-        text = f"{box.title}\n{box.sizes}"
-        left, top, right, bottom = draw.multiline_textbbox((0, 0), text, font)
-        x = float(corners[:, 0].mean() - (right - left) / 2)
-        y = max(float(corners[:, 1].min() - (bottom - top) - 8), 50.0)
-        spot = (x, y, x + right - left, y + bottom - top)
-        while is_taken(spot) and spot[3] < canvas.shape[0]:
-            spot = (spot[0], spot[1] + LABEL_STEP_PX, spot[2], spot[3] + LABEL_STEP_PX)
-        taken.append(spot)
-        centre = corners.mean(axis=0)
-        draw.line(((spot[0] + spot[2]) / 2, spot[3], float(centre[0]), float(centre[1])), COLOURS[box.verdict])
-        draw.rectangle((spot[0] - 4, spot[1] - 2, spot[2] + 4, spot[3] + 6), (255, 255, 255), COLOURS[box.verdict])
-        draw.multiline_text((spot[0] - left, spot[1] - top), text, (20, 30, 30), font)
+    texts = [f"{box.title}\n{box.sizes}" for box, _ in boxes]
+    extents = [draw.multiline_textbbox((0, 0), text, font)[2:] for text in texts]
+    sizes = np.array(extents, dtype=np.float64).reshape(-1, 2) + 2 * LABEL_MARGIN_PX
+    bounds = [np.concatenate([corners.min(axis=0), corners.max(axis=0)]) for _, corners in boxes]
+    places = place_labels(np.array(bounds).reshape(-1, 4), sizes, image.size)
+    for (box, corners), text, size, place in zip(boxes, texts, sizes, places, strict=True):
+        draw.line([*(place + size / 2), *corners.mean(axis=0)], COLOURS[box.verdict])
+        draw.rectangle([*place, *(place + size)], (255, 255, 255), COLOURS[box.verdict])
+        draw.multiline_text(tuple((place + LABEL_MARGIN_PX).tolist()), text, (20, 30, 30), font)
     return np.array(image)

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from estimator.geometry.planes import level_basis
 from estimator.outputs.size_labels import dimension_labels
 from estimator.records.objects import Box, MeasuredObject, corners
 from estimator.records.result import ObjectReport, ScaleResult, SceneEstimate
@@ -91,11 +92,8 @@ def scene_view(estimate: SceneEstimate) -> SceneView:
     scale = result.best_scale or 1.0
     # Rotation of the scene to y up, and its scale.
     up = np.array(result.up.vector if result.up is not None else (0.0, -1.0, 0.0))
-    up = up / np.linalg.norm(up)
-    seed = np.array([1.0, 0, 0]) if abs(up[0]) < 0.9 else np.array([0, 0, 1.0])
-    right = seed - (seed @ up) * up
-    right /= np.linalg.norm(right)
-    rotation = np.stack([right, up, np.cross(right, up)]) * scale
+    basis = level_basis(up / np.linalg.norm(up))
+    rotation = np.stack([basis[0], basis[2], -basis[1]]) * scale
     reports = {report.id: report for report in result.objects}
     objects = [item for item in measured.objects if item.box is not None] if measured else []
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import itertools
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -122,19 +123,15 @@ def test_the_report_of_a_box(node: str | None, tier: str | None, category: str) 
     assert report_text(box) == "\n".join(lines)
 
 
-def test_labels_have_a_gap_of_nine_pixels(monkeypatch):
-    """LABEL_GAP_PX: the second label of one place moves down in steps of eight pixels until the gap is as large."""
-    drawn = []
+@pytest.mark.parametrize("n_lines", [1, 4])
+def test_labels_of_one_place_do_not_overlap(monkeypatch: pytest.MonkeyPatch, n_lines: int) -> None:
+    drawn: list[list[float]] = []
     monkeypatch.setattr("PIL.ImageDraw.ImageDraw.rectangle", lambda _, place, *__: drawn.append(place))
-    view = hand_view()
-    corners = np.full((8, 2), 300.0)
+    box = replace(hand_view().boxes[0], title="a", sizes="b\n" * n_lines)
     canvas = np.zeros((900, 600, 3), dtype=np.uint8)
-    for n_lines in range(1, 9):
-        drawn.clear()
-        box = replace(view.boxes[0], title="a", sizes="b\n" * n_lines)
-        raster.with_labels(canvas, view, [(box, corners)] * 2, np.zeros(2))
-        (_, first, _, bottom), (_, second, _, _) = drawn
-        assert second - first == 8 * np.ceil((bottom - first - 8 + 9) / 8)
+    raster.with_labels(canvas, hand_view(), [(box, np.full((8, 2), 300.0))] * 3, np.zeros(2))
+    for (left, top, right, bottom), (x0, y0, x1, y1) in itertools.combinations(drawn, 2):
+        assert right <= x0 or x1 <= left or bottom <= y0 or y1 <= top
 
 
 EMPTY = {

@@ -10,6 +10,7 @@ import numpy as np
 
 from estimator.reconstructions.pycolmap_library import pycolmap
 from metric_base.arrays import FloatArray, IntArray, grouped
+from metric_base.statistics import robust_sigma
 
 #: Maximum median residual in pixels of a triplet that agrees with the model: right models of twelve real sets stay
 #: below 1.2 px but for one triplet of 3.7; models with a wrong part reach 4 to 50.
@@ -164,15 +165,12 @@ def triplet_residuals(poses: FloatArray, rays: FloatArray) -> FloatArray:
     """
     if not len(rays):
         return np.zeros(0)
-    x, y, z = np.moveaxis(rays, -1, 0)
-    zero = np.zeros_like(x)
-    cross = np.stack([np.stack([zero, -z, y], -1), np.stack([z, zero, -x], -1), np.stack([-y, x, zero], -1)], -2)
     centre = -np.einsum("kji,kj->ki", poses[:, :, :3], poses[:, :, 3]).mean(axis=0)
     shift = poses[:, :, :3] @ centre + poses[:, :, 3]  # the origin is between the cameras, their distance the unit
     unit = max(float(np.linalg.norm(shift, axis=1).max()), 1e-12)
     moved = np.concatenate([poses[:, :, :3], (shift / unit)[:, :, None]], axis=2)
-    rows = np.einsum("nkij,kjl->nkil", cross, moved).reshape(len(rays), -1, 4)
-    point = np.linalg.svd(rows)[2][:, -1]  # (n, 4)
+    rows = np.swapaxes(np.cross(rays[:, :, None], np.swapaxes(moved, 1, 2)), 2, 3)  # (n, k, 3, 4)
+    point = np.linalg.svd(rows.reshape(len(rays), -1, 4))[2][:, -1]  # (n, 4)
     seen = np.einsum("kij,nj->nki", moved, point)
     seen *= np.where(np.einsum("nki,nki->n", seen, rays) < 0, -1.0, 1.0)[:, None, None]
     seen /= np.maximum(np.linalg.norm(seen, axis=2, keepdims=True), 1e-12)
@@ -207,7 +205,7 @@ def triplet_stretch(poses: FloatArray, rays: FloatArray, min_parallax: float) ->
     if len(ratio) < MIN_DEPTHS:
         return 0.0, np.inf
     middle = float(np.median(ratio))
-    noise = 3 * 1.4826 * float(np.median(np.abs(ratio - middle))) / np.sqrt(len(ratio))
+    noise = 3 * robust_sigma(ratio) / np.sqrt(len(ratio))
     return float(np.sign(middle) * max(abs(middle) - noise, 0.0)), float(noise)
 
 

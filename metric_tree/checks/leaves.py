@@ -15,6 +15,7 @@ import numpy as np
 import pyarrow as pa
 
 from metric_base.arrays import FloatArray, grouped
+from metric_base.statistics import robust_sigma
 from metric_tree.axes import AXES, EXTENTS
 from metric_tree.checks.finding import Finding
 from metric_tree.curated.sizes import settled_findings
@@ -27,8 +28,6 @@ FACTOR = 2.0
 MIN_SIBLINGS = 5
 #: Minimum deviation of a leaf from its siblings, in standard deviations from the median absolute deviation.
 SIBLING_SD = 3.5
-#: Median absolute deviation of a normal distribution, as a fraction of its standard deviation.
-NORMAL_MAD = 0.6745
 #: Maximum size of models, parts or other objects, as a fraction of the median on every axis.
 MINIATURE = 0.4
 #: Families (nodes of level 2) whose objects represent other objects.
@@ -185,9 +184,9 @@ def _sibling_findings(family: Sequence[LeafSize]) -> Iterator[Finding]:
         return
     sizes = np.array([np.log(leaf.median).mean() for leaf in family])
     median = float(np.median(sizes))
-    scatter = float(np.median(np.abs(sizes - median))) / NORMAL_MAD
+    limit = max(np.log(FACTOR), SIBLING_SD * robust_sigma(sizes))
     for leaf, size in zip(family, sizes.tolist(), strict=True):
-        if abs(size - median) > max(np.log(FACTOR), SIBLING_SD * scatter):
+        if abs(size - median) > limit:
             yield Finding("W412", leaf.node_id, f"expected about {np.exp(median):.4g} mm; found {np.exp(size):.4g}")
 
 

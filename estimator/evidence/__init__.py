@@ -49,9 +49,9 @@ __getattr__, __dir__, __all__ = lazy_names(
 # - gps: Estimate the scale from positions of the cameras in metres: GPS of images (EXIF) or of a video, or a table.
 #   Limits: MAX_GAP_S, MAX_SPEED_M_S, MIN_COVERED_FRACTION, SPEED_LAG_S, MAX_LOG_SD, MAX_COORDINATE, EARTH_RADIUS_M,
 #   MAX_GEOCENTRIC_DEVIATION, MAX_LOCAL_M, POLE_DEG, MIN_STRETCH, MAX_STRETCHED_RESIDUAL, MIN_DIRECTION_EXTENT, LAT_REF,
-#   LAT, LON_REF, LON, ALT_REF, ALT, DILUTION, POSITIONING_ERROR, METRES_PER_DILUTION, TYPICAL_ACCURACY_M,
-#   DRIFT_FRACTION, END_TO_END, N_PROBED_IMAGES, MIN_POSITIONS, MIN_EXTENT_RESIDUALS, MIN_LOG_SD. Tests:
-#   test_evidence.py, test_evidence_formulas.py, test_motion.py, test_positions.py.
+#   LAT, LON_REF, LON, ALT_REF, ALT, DILUTION, POSITIONING_ERROR, TYPICAL_ACCURACY_M, DRIFT_FRACTION, END_TO_END,
+#   N_PROBED_IMAGES, MIN_POSITIONS, MIN_EXTENT_RESIDUALS, MIN_LOG_SD. Tests: test_evidence.py,
+#   test_evidence_formulas.py, test_motion.py, test_positions.py.
 # - imu: Estimate the scale from an inertial unit: its path, integrated from accelerations, against the path of the
 #   camera. Limits: WINDOW_S, MIN_WINDOW_S, SECONDS_PER_DEGREE, MAX_GAP_S, MAX_OFFSET_S, OFFSET_STEP_S, GRAVITY,
 #   MIN_GRAVITY, MAX_GRAVITY, MAX_READING_G, MIN_RATE_HZ, MIN_SWING_RMS_M, MIN_PATH_CORRELATION, WINDOW_PARTS,

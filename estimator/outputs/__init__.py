@@ -3,7 +3,7 @@
 # Modules, their limits, and their tests in `tests/estimator/outputs`:
 # - figure: Draw the figure of an estimate: the evidence of each object for the scale, and the positions of the objects.
 #   Limits: MAX_ROWS, ROW_INCHES, HEAD_INCHES, FOOT_INCHES, MIN_INCHES, WIDTH_INCHES, MAX_LABEL_CHARS, AXIS_MARGIN,
-#   AXIS_TAIL_FRACTION, MAX_TICKS. Tests: test_figure.py.
+#   AXIS_TAIL_FRACTION. Tests: test_figure.py.
 # - ground_truth: Read `truth.json` of a scene, for figures that compare estimate and truth. Estimates do not use it.
 #   Tests: test_ground_truth.py.
 # - label_placement: Place labels close to their objects, so that they cover neither each other nor the objects. Tests:

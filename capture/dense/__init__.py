@@ -12,4 +12,4 @@
 #   MAX_BEHIND, N_TRIALS. Tests: test_dense.py.
 # - plane_sweep: Depth of a view by a plane sweep (Collins 1996), smoothed along four paths (Hirschmueller 2008).
 #   Limits: DEPTH_SIDE, N_PLANES, WINDOW, N_BEST_SOURCES, SMALL_STEP, LARGE_STEP, MIN_CORRELATION, MIN_VARIANCE,
-#   EDGE_RATIO.
+#   EDGE_RATIO. Tests: test_dense.py.

@@ -60,9 +60,9 @@ __getattr__, __dir__, __all__ = lazy_names(
 #   objects. Limits: DEFAULT_SIGMA, MIN_METRES, MAX_METRES, MIDDLE_ERROR. Tests:
 #   ../reconstructions/test_known_lengths.py, ../results/test_narrowing.py, ../test_documented_forms.py.
 # - markers: Estimate the scale from printed markers of known size in the images: ArUco, AprilTag, and ChArUco boards.
-#   Limits: CROP_MARGIN, MIN_CROP_MARGIN_PX, MIN_CROP_SIDE_PX, MAX_CROP_SIDE_PX, MAX_CORNER_MOVE, MIN_RAY_ANGLE,
-#   MAX_SQUARES, MIN_LOG_SD, MAX_LOG_SD, MAX_REPROJECTION_ERROR. Tests: test_evidence.py, test_evidence_formulas.py,
-#   test_markers.py, test_positions.py.
+#   Limits: CROP_MARGIN, MIN_CROP_MARGIN_PX, MIN_CROP_SIDE_PX, MAX_CROP_SIDE_PX, MAX_CORNER_MOVE, MIN_VIEWS,
+#   MIN_CORNERS, MIN_RAY_ANGLE, MAX_SQUARES, MIN_LOG_SD, MAX_LOG_SD, MAX_REPROJECTION_ERROR. Tests: test_evidence.py,
+#   test_evidence_formulas.py, test_markers.py, test_positions.py.
 # - rig_baseline: Estimate the scale from the known distance between the cameras of a rig, such as a stereo pair.
 #   Limits: MIN_LOG_SD, MIN_RELATIVE_DISTANCE. Tests: test_depth_and_rigs.py, test_evidence.py.
 # - source: The protocol of evidence sources, and the path of a camera over time for evidence with times. Tests:

@@ -40,6 +40,8 @@ MIN_CROP_SIDE_PX = 100.0
 MAX_CROP_SIDE_PX = 200.0
 #: Maximum movement of a corner by the refinement, relative to the box; beyond it, the corner belongs to another marker.
 MAX_CORNER_MOVE = 0.2
+#: Minimum number of views of a corner, and of corners of a marker: two rays meet, and three points determine a scale.
+MIN_VIEWS, MIN_CORNERS = 2, 3
 #: Minimum angle between rays in radians; more parallel rays have no accurate intersection.
 MIN_RAY_ANGLE = 0.01
 #: Maximum number of columns or rows of a board: its image would have thousands of pixels.
@@ -108,11 +110,11 @@ def triangulate(views: Sequence[View], pixels: FloatArray, max_error: float) -> 
     """Return the point (3,) closest to the rays through `pixels` (n, 2), one in each view.
 
     It solves sum (I - d d') x = sum (I - d d') c for the rays c + t d. The view with the largest reprojection error is
-    removed until all errors are at most `max_error`, relative to the longer side of the image. None if fewer than two
-    views remain, or if the rays are nearly parallel.
+    removed until all errors are at most `max_error`, relative to the longer side of the image. None if fewer than
+    `MIN_VIEWS` remain, or if the rays are nearly parallel.
     """
     views, pixels = list(views), pixels.copy()
-    while len(views) >= 2:
+    while len(views) >= MIN_VIEWS:
         directions = np.array(
             [view_rays(view.camera, pixel[None])[0] @ view.rotation for view, pixel in zip(views, pixels, strict=True)]
         )
@@ -179,7 +181,7 @@ class Marker:
         raise InputError.at("--marker", "value", expected, text)
 
     def observe(self, scene: Scene, measurements: Measurements) -> tuple[ScaleEvidence, ...]:  # noqa: ARG002
-        """Return the scale by each marker whose corners at least two views show."""
+        """Return the scale by each marker with `MIN_CORNERS` corners that `MIN_VIEWS` views show."""
         seen = self._corners(scene)
         if seen is None:
             missing = "no image of the scene was found (--images DIR names their folder)"
@@ -237,7 +239,7 @@ def _dictionary_name(name: str) -> str | None:
 def marker_evidence(
     name: str, shape: Mapping[int, FloatArray], corners: Mapping[int, Sequence[tuple[int, FloatArray]]], scene: Scene
 ) -> ScaleEvidence | None:
-    """Return the evidence of a marker, or None if fewer than three of its corners are in two views.
+    """Return the evidence of a marker, or None if fewer than `MIN_CORNERS` of its corners are in `MIN_VIEWS` views.
 
     `shape` has the position (3,) in metres of each corner, and `corners` the indices of its views with pixels (2,).
     """
@@ -247,7 +249,7 @@ def marker_evidence(
         point = triangulate(views, np.array([pixel for _, pixel in seen]), MAX_REPROJECTION_ERROR)
         if point is not None:
             places[number] = point
-    if len(places) < 3:
+    if len(places) < MIN_CORNERS:
         return None
     alignment = align(np.array(list(places.values())), np.array([shape[number] for number in places]))
     if alignment is None or alignment.sd_log > MAX_LOG_SD:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from capture.dense import fusion
 from capture.dense.fusion import make_dense_cloud
 from capture.dense.plane_filling import fill_planes
+from capture.dense.plane_sweep import PinholeView
 from estimator.reconstructions.ply import read_dense_cloud
 from estimator.records.scene import Camera, Scene, View
 from metric_base.arrays import FloatArray
@@ -170,3 +171,17 @@ def test_a_surface_is_filled_up_to_an_object_five_percent_nearer(step: float, is
     filled = fill_planes(depth, np.full((60, 60), 90.0, dtype=np.float32))
     assert filled[30, 21] == pytest.approx(2.0)
     assert np.isfinite(filled[20, 30]) == is_filled
+
+
+@pytest.mark.parametrize(
+    ("depths", "is_kept"),
+    [((1.011, 0.989), True), ((1.011, 0.987), False), ((1.0, np.nan), False), ((1.0,), False)],
+)
+def test_two_other_views_agree_with_a_dense_depth_within_1_2_percent(depths: tuple[float, ...], is_kept: bool) -> None:
+    """All views have the same pose, so that the depths of a pixel are compared directly."""
+    shape, matrix = (4, 4), np.array([[10.0, 0, 1.5], [0, 10.0, 1.5], [0, 0, 1.0]])
+    view = PinholeView(np.zeros(shape, np.float32), np.zeros((*shape, 3), np.uint8), matrix, np.eye(3), np.zeros(3))
+    maps = {row: np.full(shape, depth, np.float32) for row, depth in enumerate((1.0, *depths))}
+    points, _, seen = fusion.fuse_views(dict.fromkeys(maps, view), maps)
+    assert (len(points) > 0) == is_kept
+    assert seen.all()

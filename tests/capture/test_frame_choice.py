@@ -50,6 +50,15 @@ def test_more_frames_only_where_the_picture_races() -> None:
     assert len(chosen_frames(fast)) > DEFAULT_FRAMES
 
 
+@pytest.mark.parametrize(
+    ("motion", "count"),
+    [(0.0, 12), (0.167, 12), (0.183, 13), (0.695, 49), (0.72, 50), (12.4, 50), (12.7, 51), (74.9, 300), (90.0, 300)],
+)
+def test_the_number_of_frames_follows_the_motion(motion: float, count: int) -> None:
+    """At least 12, one per 0.014 of the longer side up to 50, then one per quarter up to 300."""
+    assert len(chosen_frames(_motion([motion / 3999] * 4000))) == count
+
+
 def test_motion_is_measured_in_shares_of_the_longer_side() -> None:
     generator = np.random.default_rng(1)
     import cv2

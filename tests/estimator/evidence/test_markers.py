@@ -139,8 +139,22 @@ def test_a_marker_determines_the_scale_within_a_factor(
     row = markers.marker_evidence("7", dict.fromkeys(range(4), np.zeros(3)), seen, walk.scene)
     assert (row is not None) == is_used
     assert row is None or row.sd_log == pytest.approx(np.hypot(sd_log, 0.005))
-    few = {corner: seen[corner] for corner in range(2)}
-    assert markers.marker_evidence("7", dict.fromkeys(range(4), np.zeros(3)), few, walk.scene) is None
+
+
+@pytest.mark.parametrize(("n_corners", "n_views", "is_used"), [(3, 2, True), (2, 2, False), (4, 1, False)])
+def test_three_corners_of_a_marker_are_in_two_views(n_corners: int, n_views: int, is_used: bool, walk: Walk) -> None:
+    place = {corner: 0.3 * markers.SQUARE[corner] for corner in range(n_corners)}
+    facing = next(view for view in walk.scene.views if (view.to_camera(np.zeros((1, 3)))[:, 2] != 0).all())
+    points = {corner: (place[corner] + [0, 0, 2]) @ facing.rotation + facing.centre for corner in place}
+    shifted = replace(facing, translation=facing.translation + np.array([0.3, 0, 0]))
+    views = (facing, shifted)
+    seen = {
+        corner: [(row, pixels_in_view(views[row], points[corner][None])[0][0]) for row in range(n_views)]
+        for corner in place
+    }
+    row = markers.marker_evidence("7", place, seen, replace(walk.scene, views=views))
+    assert (row is not None) == is_used
+    assert row is None or row.scale == pytest.approx(1.0, rel=1e-4)
 
 
 @pytest.mark.parametrize(("move", "is_found"), [(0.0, True), (9.0, True), (11.0, False)])

@@ -134,13 +134,23 @@ def test_groups_of_views_without_a_common_point_are_doubted(good, n_apart, n_gro
     assert [problem.is_fatal for problem in problems] == [False] * (n_groups - 1)
 
 
-@pytest.mark.parametrize(("factor", "status"), [(1.0, "resolved"), (2.0, "unresolved")])
-def test_two_models_in_one_scene_need_the_same_scale(room, factor: float, status: str) -> None:
-    """The second half of the views is a separate model, `factor` times as large."""
-    n, half = len(room.scene.points), len(room.scene.views) // 2
+@pytest.mark.parametrize(
+    ("factor", "fraction", "status"),
+    [
+        pytest.param(1.0, 0.5, "resolved", id="the same scale"),
+        pytest.param(2.0, 0.5, "unresolved", id="twice the scale"),
+        pytest.param(2.0, 0.11, "unresolved", id="more than a tenth of the views"),
+        pytest.param(2.0, 0.09, "resolved", id="less than a tenth of the views"),
+    ],
+)
+def test_two_models_in_one_scene_need_the_same_scale(room, factor: float, fraction: float, status: str) -> None:
+    """The last `fraction` of the views is a separate model, `factor` times as large."""
+    n, first = len(room.scene.points), round((1 - fraction) * len(room.scene.views))
     views = [
-        replace(view, translation=view.translation * (1 if number < half else factor), point_index=view.point_index + n)
-        if number >= half
+        replace(
+            view, translation=view.translation * (1 if number < first else factor), point_index=view.point_index + n
+        )
+        if number >= first
         else view
         for number, view in enumerate(room.scene.views)
     ]

@@ -1,4 +1,8 @@
-"""A video or a folder of images to a reconstruction with the pose of every frame, in a work folder that resumes."""
+"""A video or a folder of images to a reconstruction with the pose of every frame, in a work folder that resumes.
+
+Packages: `sources` (frames of videos and folders, their choice), `mapping` (COLMAP: matches, models, refusals), `dense`
+(depths and dense points), and `masks` (mask files, the page for drawing).
+"""
 
 from __future__ import annotations
 

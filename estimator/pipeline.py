@@ -41,7 +41,8 @@ if TYPE_CHECKING:
     from estimator.records.objects import Measurements
 
 
-#: Minimum fraction of the views in a group that shares no point with the others and needs a scale of its own.
+#: Minimum fraction of the views in a group without common points with other groups. Its scale is estimated separately;
+#: smaller groups hardly change the scale.
 MIN_GROUP_FRACTION = 0.1
 
 
@@ -246,7 +247,7 @@ def _contradiction_of_groups(
     options: EstimateOptions,
     sources: Sequence[EvidenceSource],
 ) -> SceneProblem | None:
-    """Return a fatal problem unless the groups of views (k,), which share no point, have the same scale, each alone.
+    """Return a fatal problem if groups of views (k,) without common points have different scales, each estimated alone.
 
     Small groups are ignored, because they hardly change the scale. Evidence that was not observed in the views of a
     group states nothing about its scale.

@@ -83,7 +83,7 @@ def make_dense_cloud(scene: Scene, images: Path, file: Path, progress: Callable[
 
 
 def _sources(scene: Scene, row: int, common: IntArray) -> list[int]:
-    """Return the views with many points in common (v, v) under an angle that determines depth."""
+    """Return the views to compare with a view: many common points (v, v), and an angle that determines depth."""
     view = scene.views[row]
     centre = np.median(scene.points[view.point_index], axis=0)
     rays = np.array([centre - other.centre for other in scene.views])

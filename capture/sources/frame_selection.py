@@ -15,8 +15,8 @@ Grey = NDArray[np.uint8]
 #: Default number of frames. Of a synthetic video of 100 frames, 45 give all poses as well as 100 do, in 0.4 of the
 #: time (docs/evidence/videos.md).
 DEFAULT_FRAMES = 50
-#: Maximum motion between chosen frames, relative to the longer side, for which up to MAX_FRAMES are chosen; features
-#: are lost at about half of the side.
+#: Maximum motion between chosen frames, relative to the longer side; features are lost at about half of the side. A
+#: long path has more than DEFAULT_FRAMES frames for this, up to MAX_FRAMES.
 MAX_STEP, MAX_FRAMES = 0.25, 300
 #: Minimum motion between chosen frames: frames that hardly differ add time and no baseline. A camera that hardly moves
 #: keeps MIN_FRAMES, whose matches show that.

@@ -1,7 +1,7 @@
 """Estimate the scale from positions of the cameras in metres: GPS of images (EXIF) or of a video, or a table.
 
 A robust similarity aligns the cameras with their positions. It is rejected if the path is short relative to the
-residual, if most positions are outliers, or if the positions have another shape than the path: stretched in one
+residual (also because most positions are wrong), or if the positions have another shape than the path: stretched in one
 direction (degrees used as metres, exchanged columns) or with another vertical.
 """
 

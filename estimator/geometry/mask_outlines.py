@@ -47,7 +47,7 @@ class Outlines:
     translation: FloatArray  #: (v, 3)
 
     def truncated_sides(self, has_foot: bool) -> BoolArray:
-        """Return the sides (3,) of which no view shows both ends; with `has_foot`, the lower end is known."""
+        """Return the extents (3,) with an end that no view shows; with `has_foot`, the lower end is known."""
         left, top, right, bottom = (bool(self.is_free[:, k].any()) for k in range(4))
         is_cut = not (left and right)
         return np.array([is_cut, is_cut, not (top and (bottom or has_foot))])

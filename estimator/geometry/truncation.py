@@ -88,10 +88,10 @@ class SideVisibility:
     def truncated(self) -> BoolArray:
         """(3, 2) sides that too few views show, or where the masks exceed the points.
 
-        If no view shows both ends of an extent, it is truncated: it is one-sided evidence.
-        An extent with `needs_excess` is truncated on both sides if too few views compare the masks with the points at
-        either end, because they look along the axis or the end is occluded. For example, only the front of a washing
-        machine between cupboards has points, so that its measured depth is too small.
+        An extent is also truncated if no single view shows both of its ends.
+        An extent with `needs_excess` is truncated on both sides if the masks cannot be compared with the points at
+        either end, because the views look along the axis or the end is occluded. For example, only the front of a
+        washing machine between cupboards has points, so that its measured depth is too small.
         """
         n_views = min(MIN_COMPLETE_VIEWS, len(self.is_shown))
         is_short: BoolArray = np.nan_to_num(self.median_excess) > MIN_EXCESS_FRACTION

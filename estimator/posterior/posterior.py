@@ -61,7 +61,7 @@ MIN_PEAK_MASS = 0.35
 #: Minimum mean probability of the objects not to be outliers. Below it, the objects contradict the model: the logarithm
 #: of the posterior is multiplied by `TEMPERING_EXPONENT`, which widens it, and the scale is never resolved. Chosen on
 #: the even rooms of ScanNet and half of the simulated scenes, so that the interval of such scenes covers 90 %, and 70 %
-#: of the scales that become unresolved are off by more than `PEAK_WIDTH_RATIO` (docs/evidence/calibration.md).
+#: of the scales that lose the status `resolved` are off by more than `PEAK_WIDTH_RATIO` (docs/evidence/calibration.md).
 MIN_MEAN_WEIGHT = 0.4
 #: Minimum number of objects for this rule.
 MIN_JUDGED_OBJECTS = 3

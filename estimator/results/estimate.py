@@ -56,8 +56,9 @@ MAX_OWN_RATIO = 1.6
 #: Maximum fraction of objects beyond this ratio of a resolved scale: at most 0.25 in synthetic rooms (seeds 40 to 55)
 #: and 0.32 in real scenes; 0.43 or more in most rooms with exchanged categories and a wrong scale.
 MAX_DISTANT_FRACTION = 0.4
-#: Minimum ratio of the scales of toys or models and of objects at full size, 1:4 with errors. In undamaged synthetic
-#: scenes (seeds 40 to 55), three objects of a street agree with a ratio of 2.5, and none with 3.
+#: Minimum ratio between the scales of toys or models and of objects at full size: models at 1:4 are found in spite of
+#: errors. In undamaged synthetic scenes (seeds 40 to 55), three objects of a street agree with a ratio of 2.5, and none
+#: with 3.
 MIN_MODEL_RATIO = 3.0
 #: Maximum ratio of the scales of models that agree with each other: twice their standard deviation in synthetic rooms.
 MAX_AGREEING_RATIO = 2.5
@@ -271,7 +272,7 @@ def single_category_reason(estimate: Posterior, evidence: Sequence[ObjectEvidenc
 
 
 def disagreement(estimate: Posterior) -> tuple[tuple[Mode, ...], str | None]:
-    """Return the modes with the scale by objects that agree on another one, and the reason why a scale is doubtful.
+    """Return the modes, with the scale on which a group of objects agrees instead, and the reason for a doubt.
 
     Objects under exchanged labels have sizes that contradict each other. The objects of a model railway, or toys in a
     room, agree with each other, so that either group may be at the true size: both scales are stated.

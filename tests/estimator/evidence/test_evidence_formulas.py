@@ -254,7 +254,7 @@ def test_a_camera_swings_by_four_millimetres_or_more(
 
 
 def test_inliers_of_an_alignment_are_within_three_median_residuals() -> None:
-    """Pairs with a residual of 1, and two that are farther by less and by more than the limit."""
+    """All pairs have a residual of 1, except one below the limit of 3 and one above."""
     generator = np.random.default_rng(0)
     source = generator.normal(0, 100, (400, 3))
     direction = generator.normal(0, 1, (400, 3))

@@ -90,9 +90,14 @@ def test_a_ball_is_a_lens_and_a_pane_is_not(drawn: Callable[..., ObjectRenderer]
 
 
 def test_an_edge_of_glass_is_as_soft_as_that_of_an_opaque_object(drawn: Callable[..., ObjectRenderer]) -> None:
+    """Glass has four samples per pixel and an opaque object sixteen: a difference of 0.1 at an edge is theirs."""
     glass = drawn(_solid("ball")).image(WINDOW, *VIEW)
     opaque = drawn(_solid("ball", Material(np.ones(4), 0.0, 0.9))).image(WINDOW, *VIEW)
-    assert glass.coverage == pytest.approx(opaque.alpha, abs=0.04)
+    difference = glass.coverage - opaque.alpha
+    is_edge = (glass.coverage % 1 != 0) | (opaque.alpha % 1 != 0)
+    assert np.abs(difference[~is_edge]).max() == 0
+    assert np.sqrt(np.mean(difference[is_edge] ** 2)) < 0.09
+    assert abs(difference[is_edge].mean()) < 0.02
 
 
 def test_an_opaque_part_hides_the_glass_behind_it(drawn: Callable[..., ObjectRenderer]) -> None:

@@ -61,7 +61,7 @@ READERS: dict[str, tuple[str, Reader, int]] = {
     "subtitles": ("a.srt", read_telemetry, 256 * MB),
     "result": ("result.json", lambda path: read_scale(path.parent, None), 128 * MB),
     "names of classes": ("labels.txt", _labels, 16 * MB),
-    "list of detectors": ("detectors.toml", registry, MB),
+    "list of detectors": ("detectors.toml", registry, 4 * MB),
     "TOML": ("a.toml", toml_table, 4 * MB),
 }
 

@@ -95,7 +95,7 @@ def _print(record: dict[str, Any], node: Node, unit: str) -> None:
         ("children", ", ".join(record["children"]) or "none"),
         ("tree", f"{record['tree']['name']} {record['tree']['version']}"),
     ]
-    optional = {"note", "height", "where", "state", "size"}
+    optional = {"note", "height", "unknown", "where", "state", "size"}
     print_table(["", ""], [row for row in rows if row[1] or row[0] not in optional], title=record["name"])
     if "images" in record:
         columns = ("image_id", "item_id", "cutout_path", "licence", "source_url")

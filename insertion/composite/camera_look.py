@@ -60,6 +60,9 @@ PLAIN_ROUNDING = 0.25
 GRAIN_LEVELS = (4, 251)
 #: Maximum ratio of the grain of a square to its finest differences; smoother variation is texture.
 MAX_GRAIN_RATIO = 2.6
+#: Maximum ratio of the grain of a channel to that of green, relative to its median over the levels of brightness. White
+#: balance determines this ratio; a level that exceeds it has texture in all of its squares (paving, foliage).
+MAX_LEVEL_RATIO = 1.5
 #: Standard deviation of the blur that removes the content of a frame, in pixels.
 CONTENT_PX = 2.0
 #: Number of frames of a video that share one measurement of the grain.
@@ -281,6 +284,9 @@ def measure_grain(image: Image, grey: _Grey) -> tuple[NDArray[np.float64], float
             if len(in_bin) >= MIN_BIN_SQUARES:
                 plainest[index, channel] = np.quantile(in_bin, PLAIN_QUANTILE, axis=0)
     plainest = np.sqrt(np.maximum(plainest**2 - PLAIN_ROUNDING**2, 0.0))
+    green = np.maximum(plainest[:, 1:2, 0], 1.0)  # less than a level is rounding
+    limit = MAX_LEVEL_RATIO * green * np.maximum(np.median(plainest[..., 0] / green, axis=0), 1.0)
+    plainest *= np.minimum(limit / np.maximum(plainest[..., 0], 1e-6), 1.0)[..., None]
     sigma = plainest[..., 0]
 
     # 3. Smoothness by the ratio of both, to which levels without grain (compressed skies) contribute nothing, and

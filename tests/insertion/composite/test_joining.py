@@ -228,6 +228,20 @@ def test_grain_of_each_channel_is_that_of_the_plate_beside_texture(texture: floa
         np.testing.assert_allclose(added.std(axis=(0, 1)), wanted, rtol=0.2)
 
 
+@pytest.mark.parametrize(("blue", "expected"), [(2.6, 2.6), (12.0, 3.1)])
+def test_a_level_of_one_channel_that_only_texture_has_gets_no_coarse_grain(blue: float, expected: float) -> None:
+    """A quarter of the plate has another level of blue, whose variation is that of paving (MAX_LEVEL_RATIO)."""
+    generator = np.random.default_rng(6)
+    noise = generator.standard_normal((240, 320, 3)) * 2.0
+    noise[:, :80, 2] *= blue / 2
+    levels = np.full((240, 320, 3), 60.0)
+    levels[:, :80, 2] = 150
+    plate = np.clip(np.rint(levels + noise), 0, 255).astype(np.uint8)
+    sigma, _, _ = match.measure_grain(plate, cv2.cvtColor(plate, cv2.COLOR_RGB2GRAY).astype(np.float32))
+    assert sigma[4, 2] == pytest.approx(expected, rel=0.15)
+    assert sigma[1] == pytest.approx([2.0] * 3, rel=0.1)
+
+
 @pytest.mark.parametrize(("sigma", "smooth"), [(3.0, 0.0), (0.8, 0.7)])
 def test_the_finest_grain_is_that_of_the_plate_after_rounding(sigma: float, smooth: float) -> None:
     """Half of the plate is a compressed sky without grain, which does not make the grain of the other half smooth."""

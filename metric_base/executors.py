@@ -37,11 +37,26 @@ class _Pool(ProcessPoolExecutor):
             return super().submit(fn, *args, **kwargs)
 
 
+class _DaskExecutor(Executor):
+    """Tasks on a Dask cluster.
+
+    `Client.get_executor` is not used: a result that the client fetches when the scheduler ends never becomes done.
+    """
+
+    def __init__(self, client: Any) -> None:
+        self._client = client
+
+    def submit(self, fn: Callable[..., _R], /, *args: Any, **kwargs: Any) -> Any:
+        """Return the future of Dask, which has `done` and `result`."""
+        return self._client.submit(fn, *args, pure=False, **kwargs)
+
+
 @contextmanager
 def executor_of(workers: int, scheduler: str | None) -> Iterator[Executor | None]:
     """Provide the executor of the steps of a build: that of a Dask scheduler, processes, or None for this process."""
     if scheduler is not None:
         from distributed import Client
+        from distributed.comm import CommClosedError
 
         try:
             client = Client(scheduler, timeout=SCHEDULER_TIMEOUT)
@@ -49,8 +64,8 @@ def executor_of(workers: int, scheduler: str | None) -> Iterator[Executor | None
             raise InputError(f"--scheduler: expected a Dask scheduler at {scheduler}; found {error}") from None
         with client:
             try:
-                yield client.get_executor()
-            except CancelledError:
+                yield _DaskExecutor(client)
+            except (CancelledError, CommClosedError):
                 lost = f"--scheduler: the connection to {scheduler} was lost; the same command continues the work"
                 raise InputError(lost) from None
     elif workers > 1:

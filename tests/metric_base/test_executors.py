@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import sys
 import time
-from concurrent.futures import CancelledError
+from concurrent.futures import CancelledError, Executor
 from contextlib import nullcontext
 from pathlib import Path
+from typing import cast
 
 import pytest
+from distributed.comm import CommClosedError
 
 from metric_base.errors import InputError
 from metric_base.executors import executor_of
@@ -47,13 +49,23 @@ def _children(tasks: Path) -> list[str]:
 
 
 class LostClient(nullcontext):
-    def get_executor(self) -> None:
-        return None
+    """A client whose scheduler ends while a result is fetched, or before."""
+
+    def __init__(self, error: Exception) -> None:
+        super().__init__(self)
+        self.error = error
+
+    def submit(self, *_: object, **__: object) -> LostClient:
+        return self
+
+    def result(self, timeout: float) -> None:  # noqa: ARG002
+        raise self.error
 
 
-def test_a_lost_scheduler_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Dask cancels the calls of a client whose scheduler has ended."""
-    monkeypatch.setattr("distributed.Client", lambda *_, **__: LostClient())
+@pytest.mark.parametrize("error", [CancelledError(), CommClosedError("in <TCP ...>")], ids=["before", "meanwhile"])
+def test_a_lost_scheduler_is_one_line(error: Exception, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The executor of Dask's client has futures that never become done if their result is lost while it is fetched."""
+    monkeypatch.setattr("distributed.Client", lambda *_, **__: LostClient(error))
     lost = "--scheduler: the connection to tcp://a:1 was lost"
-    with pytest.raises(InputError, match=lost), executor_of(2, "tcp://a:1"):
-        raise CancelledError
+    with pytest.raises(InputError, match=lost), executor_of(2, "tcp://a:1") as executor:
+        cast(Executor, executor).submit(len, "a").result(timeout=5)

@@ -66,7 +66,7 @@ STATED_ROWS = 20.0
 def row_weights(
     sources: Sequence[str],
     kinds: Sequence[str],
-    scene_share: FloatArray | None = None,
+    row_share: FloatArray | None = None,
     n_stated: IntArray | None = None,
     has_range: bool = False,
 ) -> FloatArray:
@@ -80,15 +80,16 @@ def row_weights(
     ----------
     sources, kinds : (n,) sequence of str
         Source and kind of evidence of each row.
-    scene_share : (n,) float, optional
-        Reciprocal of the number of rows of the class in the scene of the row, so that rooms are counted, not boxes.
+    row_share : (n,) float, optional
+        Reciprocal of the number of rows of the class in the scene of the row, so that rooms are counted, not boxes; of
+        a norm, its share in circulation.
     n_stated : (n,) int, optional
         Number of sizes of each row. A row is complete if it has two, or if no row has.
     has_range : bool
         Whether the class has a stated range.
     """
     names = np.asarray(kinds)
-    share = np.ones(len(names)) if scene_share is None else scene_share
+    share = np.ones(len(names)) if row_share is None else row_share
     sizes = np.ones(len(names)) if n_stated is None else n_stated
     _, code = np.unique(np.asarray(sources), return_inverse=True)
     counts = np.bincount(code, share)
@@ -121,7 +122,7 @@ class ClassRows:
     range_sd: FloatArray  #: (n, 3) stated standard deviation of ln size, NaN without.
     n: int  #: Number of items of the class, without ranges and means.
     #: (n,) reciprocal of the number of rows in the scene of the row; of a norm, its share in circulation.
-    scene_share: FloatArray | None = None
+    row_share: FloatArray | None = None
 
     @property
     def is_stated(self) -> bool:
@@ -137,7 +138,7 @@ class ClassRows:
     def weights(self) -> FloatArray:
         """Weight of each row for the shape of the class, (n,)."""
         n_stated = (~np.isnan(self.first)).sum(axis=1)
-        return row_weights(self.sources, self.kinds, self.scene_share, n_stated, bool((self.range_sd > 0).any()))
+        return row_weights(self.sources, self.kinds, self.row_share, n_stated, bool((self.range_sd > 0).any()))
 
     @property
     def evidence(self) -> Evidence:
@@ -146,7 +147,7 @@ class ClassRows:
         real = np.isin(kinds, sorted(STRONG | {"statistic"}))
         n_stated = (~np.isnan(self.first)).sum(axis=1)
         real_or_weak = ["product" if one else "default" for one in real]
-        weights = row_weights(self.sources, real_or_weak, self.scene_share, n_stated)
+        weights = row_weights(self.sources, real_or_weak, self.row_share, n_stated)
         return Evidence(
             float(weights[real].sum()),
             len({source for source, one in zip(self.sources, real, strict=True) if one}),
@@ -161,7 +162,7 @@ class ClassRows:
         has_weight = weights > 0
         if not has_weight.any():
             return 1.0
-        as_products = row_weights(self.sources, ["product"] * len(self.kinds), self.scene_share)
+        as_products = row_weights(self.sources, ["product"] * len(self.kinds), self.row_share)
         return float(min(1.0, weights[has_weight].sum() / as_products[has_weight].sum()))
 
 
@@ -213,7 +214,7 @@ def take_rows(rows: ClassRows, chosen: NDArray[np.intp]) -> ClassRows:
         sources=tuple(rows.sources[row] for row in chosen),
         kinds=tuple(rows.kinds[row] for row in chosen),
         range_sd=rows.range_sd[chosen],
-        scene_share=None if rows.scene_share is None else rows.scene_share[chosen],
+        row_share=None if rows.row_share is None else rows.row_share[chosen],
     )
 
 

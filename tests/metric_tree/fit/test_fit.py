@@ -234,7 +234,7 @@ def test_a_hundred_boxes_of_one_room_weigh_as_one():
     x = np.log([[500.0, 480.0, 900.0]]) + np.random.default_rng(0).normal(0, 0.1, (120, 3))
     x[:100] += 0.5
     share = np.r_[np.full(100, 0.01), np.ones(20)]
-    rows = replace(class_rows(x, sources=["rooms"] * 120, kinds=["measured"] * 120), scene_share=share)
+    rows = replace(class_rows(x, sources=["rooms"] * 120, kinds=["measured"] * 120), row_share=share)
     assert class_prior(rows, VAGUE, NONE, heldout=False).quantile(0.5) == pytest.approx([512, 492, 922], rel=0.04)
 
 

@@ -69,7 +69,7 @@ def test_neither_a_bias_nor_items_move_a_norm() -> None:
 def test_the_sizes_of_a_norm_are_weighted_by_their_shares() -> None:
     x = np.log([[550.0, 480.0, 930.0], [730.0, 580.0, 1070.0]])
     rows = class_rows(x, sources=["norms"] * 2, kinds=["norm"] * 2, range_sd=np.full((2, 3), 0.01))
-    prior = class_prior(replace(rows, scene_share=np.array([0.35, 0.65])), VAGUE, EvidenceModel(), heldout=False)
+    prior = class_prior(replace(rows, row_share=np.array([0.35, 0.65])), VAGUE, EvidenceModel(), heldout=False)
     assert prior.weights == pytest.approx([0.35, 0.65])
     assert prior.quantile(0.5) == pytest.approx([730, 580, 1070], rel=0.01)
     assert class_prior(rows, VAGUE, EvidenceModel(), heldout=False).weights == pytest.approx([0.5, 0.5])

@@ -14,6 +14,7 @@ from estimator.records.scene import Camera, Scene, View
 from insertion.colour import luminance
 from insertion.footage.footage import SceneImages
 from insertion.light import environment_estimate as estimate
+from insertion.light.direction_samples import DirectionSamples, average_by_direction, mirror_detail, with_support
 from insertion.light.environment_map import (
     HEIGHT,
     LEVELS,
@@ -96,12 +97,12 @@ def test_mirrors_show_samples_that_are_finer_than_a_cell_of_the_map() -> None:
     """Stripes of half a cell vanish in the map of 128 x 64 cells, but not in the reflection."""
     directions = map_directions(4 * HEIGHT, 4 * WIDTH)
     stripes = np.where(np.arange(4 * WIDTH) % 4 < 2, 0.2, 0.8)[None, :, None] * np.ones((4 * HEIGHT, 1, 3))
-    samples = estimate.DirectionSamples(
+    samples = DirectionSamples(
         directions.reshape(-1, 3), np.float32(stripes.reshape(-1, 3)), np.zeros(directions[..., 0].size, bool)
     )
-    radiance = estimate.average_by_direction(samples)[0]
+    radiance = average_by_direction(samples)[0]
     assert radiance == pytest.approx(np.full(radiance.shape, 0.5), abs=1e-6)
-    detail = estimate.mirror_detail(samples, radiance)
+    detail = mirror_detail(samples, radiance)
     environment = Environment(np.float32(radiance), np.eye(3), np.ones((HEIGHT, WIDTH), np.float32), detail=detail)
     row = prefiltered_environment(environment)[0][2 * HEIGHT, :, 0]
     assert row.max() > 2 * row.min()
@@ -271,9 +272,7 @@ def test_samples_are_averaged_by_direction() -> None:
     way = np.array([[0.0, 1.0, 0.1], [0.0, 1.0, 0.1], [1.0, 0.0, 0.1]])
     way /= np.linalg.norm(way, axis=1, keepdims=True)
     colours = np.array([[0.2, 0.4, 0.6], [0.4, 0.6, 0.8], [1.0, 1.0, 1.0]], np.float32)
-    shown, known, sky = estimate.average_by_direction(
-        estimate.DirectionSamples(way, colours, np.array([True, False, True]))
-    )
+    shown, known, sky = average_by_direction(DirectionSamples(way, colours, np.array([True, False, True])))
     row = int(np.arccos(way[0, 2]) / np.pi * HEIGHT)
     assert shown[row, WIDTH * 3 // 4] == pytest.approx([0.3, 0.5, 0.7])
     assert (known[row, WIDTH * 3 // 4], known[row, WIDTH // 2]) == (1.0, 0.5)
@@ -292,10 +291,10 @@ def test_directions_to_the_support_show_it_in_the_closest_images() -> None:
     colours[:, :, :100, 0] = colours[:, :, 100:, 1] = 255
     colours[1] = 255
     images: Any = SimpleNamespace(rows=(0, 1, 2), scene=SimpleNamespace(views=views), image=lambda row: colours[row])
-    floor = estimate.DirectionSamples(
+    floor = DirectionSamples(
         np.array([[0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]), np.ones((2, 3), np.float32), np.zeros(2, bool)
     )
-    samples = estimate.with_support(floor, np.array([0.0, 0.0, 0.5]), np.zeros(3), np.eye(3), images)
+    samples = with_support(floor, np.array([0.0, 0.0, 0.5]), np.zeros(3), np.eye(3), images)
     assert (samples.directions[0] == [1.0, 0.0, 0.0]).all()  # the support hides what is below it
     assert samples.directions[1:, 2].max() < -0.2
     is_right = samples.directions[1:, 0] > 0.05

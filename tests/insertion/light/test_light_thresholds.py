@@ -12,13 +12,13 @@ from scipy.ndimage import gaussian_filter1d
 from estimator.records.scene import Camera, Scene, View
 from insertion.colour import srgb_to_linear
 from insertion.footage.footage import SceneImages
+from insertion.light.direction_samples import sky_pixels
 from insertion.light.environment_estimate import (
     OutdoorLight,
     environment_at,
     is_outdoors,
     raise_ceiling,
     sky_light,
-    sky_pixels,
 )
 from insertion.light.environment_map import HEIGHT, WIDTH, map_directions, solid_angles
 from insertion.light.lamp_candidates import is_visibly_free

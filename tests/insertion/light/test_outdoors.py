@@ -15,7 +15,8 @@ from estimator.records.objects import SupportPlane
 from estimator.records.scene import Camera, Scene, View
 from insertion.colour import linear_to_srgb
 from insertion.footage.footage import SceneImages
-from insertion.light.environment_estimate import OutdoorLight, environment_at, looks_down, sky_light, sky_pixels
+from insertion.light.direction_samples import sky_pixels
+from insertion.light.environment_estimate import OutdoorLight, environment_at, looks_down, sky_light
 from insertion.light.environment_map import HEIGHT, Environment, map_directions
 from insertion.light.light_model import LightModel
 from insertion.light.sun import sun_direction

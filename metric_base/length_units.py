@@ -5,6 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
+from pathlib import Path
+
+from metric_base.text_tables import named_texts
 
 #: Millimetres in one unit. The inch is 25.4 mm exactly (international yard and pound agreement, 1959).
 MILLIMETRES: Mapping[str, float] = {
@@ -15,16 +18,7 @@ MILLIMETRES: Mapping[str, float] = {
 #: Keys of `MILLIMETRES` by unit word, in lower case and without a final full stop.
 UNIT_WORDS: Mapping[str, str] = {
     word: key
-    for key, words in {
-        "mm": "mm millimeter millimeters millimetre millimetres millimètres milímetros millimetri",
-        "cm": "cm cms centimeter centimeters centimetre centimetres zentimeter centimètre centimètres "
-        "centímetros centimetri",
-        "dm": "dm decimetre decimetres decimeter decimeters",
-        "m": "m mt mtr meter meters metre metres mètre mètres metro metros metri",
-        "in": "in ins inch inches inch(es) zoll tum pouce pouces pulgada pulgadas pollici \" ″ ” “ '' ′′ ’’",
-        "ft": "ft feet foot fuß pied pieds pie pies piedi ' ′ ’",
-        "yd": "yd yds yard yards",
-    }.items()
+    for key, words in named_texts(Path(__file__).with_name("unit_words.txt")).items()
     for word in words.split()
 }
 

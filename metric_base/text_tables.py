@@ -1,4 +1,4 @@
-"""Tables of names with a text each, in text files: codes of findings, reasons, countries."""
+"""Tables of names with a text each, in text files: codes of findings, reasons, countries, units."""
 
 from __future__ import annotations
 

@@ -29,53 +29,8 @@ class NoRedis(InputError):
     """A Redis server does not respond."""
 
 
-# KEYS: seen, tasks, queue, leases. ARGV: triples of key, score, text.
-_ADD = """
-local added = 0
-for i = 1, #ARGV, 3 do
-  if redis.call('SADD', KEYS[1], ARGV[i]) == 1 then
-    redis.call('HSET', KEYS[2], ARGV[i], ARGV[i + 2])
-    redis.call('ZADD', KEYS[3], ARGV[i + 1], ARGV[i])
-    added = added + 1
-  end
-end
-return added
-"""
-
-# KEYS: tasks, queue, leases. ARGV: now, the lease's end.
-_LEASE = """
-for _, key in ipairs(redis.call('ZRANGEBYSCORE', KEYS[3], '-inf', ARGV[1])) do
-  redis.call('ZREM', KEYS[3], key)
-  redis.call('ZADD', KEYS[2], 0, key)
-end
-local found = redis.call('ZPOPMIN', KEYS[2])
-if #found == 0 then return false end
-redis.call('ZADD', KEYS[3], ARGV[2], found[1])
-return redis.call('HGET', KEYS[1], found[1])
-"""
-
-# KEYS: refused, queue, failed. ARGV: reason.
-_REOPEN = """
-local count = 0
-local found = redis.call('HGETALL', KEYS[1])
-for i = 1, #found, 2 do
-  if found[i + 1] == ARGV[1] then
-    redis.call('HDEL', KEYS[1], found[i])
-    redis.call('ZADD', KEYS[2], 0, found[i])
-    redis.call('HINCRBY', KEYS[3], ARGV[1], -1)
-    count = count + 1
-  end
-end
-return count
-"""
-
-# KEYS: pace of a site. ARGV: now, delay, both in milliseconds.
-_RESERVE = """
-local start = math.max(tonumber(redis.call('GET', KEYS[1]) or 0), tonumber(ARGV[1]))
-redis.call('SET', KEYS[1], string.format('%.0f', start + ARGV[2]), 'EX', 3600)
-return start - ARGV[1]
-"""
-
+#: Scripts that the server runs as one transaction each: `frontier_NAME.lua`.
+_SCRIPTS = ("add", "lease", "reopen", "reserve")
 #: Keys of a crawl in Redis; `refused` has the reasons of tasks that a resume with other options adds again.
 _PARTS = ("seen", "tasks", "queue", "leases", "done", "failed", "refused", "origin")
 
@@ -92,10 +47,8 @@ class RedisFrontier:
         except (redis.RedisError, ValueError) as error:  # a malformed address is a ValueError
             raise NoRedis(f"{url}: expected a Redis server; found {error}") from None
         self._keys = {part: f"metric-tree:{name}:{part}" for part in _PARTS}
-        self._add = self._redis.register_script(_ADD)
-        self._lease = self._redis.register_script(_LEASE)
-        self._reopen = self._redis.register_script(_REOPEN)
-        self._reserve = self._redis.register_script(_RESERVE)
+        scripts = [Path(__file__).with_name(f"frontier_{name}.lua").read_text("utf-8") for name in _SCRIPTS]
+        self._add, self._lease, self._reopen, self._reserve = map(self._redis.register_script, scripts)
         self._lease_seconds = lease_seconds
         self._clock_offset: float = seconds + microseconds / 1e6 - time.monotonic()
         self._leased: set[str] = set()

@@ -16,17 +16,6 @@ from crawler.fetch.frontier import Outcome, Task, task_key
 WAITING, LEASED, DONE, FAILED = range(4)
 _STATES = ("waiting", "leased", "done", "failed")
 
-_SCHEMA = """
-CREATE TABLE IF NOT EXISTS tasks (
-    key TEXT PRIMARY KEY, state INTEGER NOT NULL, priority INTEGER NOT NULL, number INTEGER NOT NULL,
-    text TEXT NOT NULL, failure TEXT
-) WITHOUT ROWID;
-CREATE INDEX IF NOT EXISTS queue ON tasks (state, priority DESC, number);
-CREATE TABLE IF NOT EXISTS items (number INTEGER PRIMARY KEY, id TEXT UNIQUE NOT NULL, line TEXT NOT NULL);
-CREATE TABLE IF NOT EXISTS pictures (number INTEGER PRIMARY KEY, id TEXT UNIQUE NOT NULL, line TEXT NOT NULL);
-CREATE TABLE IF NOT EXISTS origin (one INTEGER PRIMARY KEY CHECK (one = 1), text TEXT NOT NULL);
-"""
-
 #: Tables of results, which have the same columns.
 _KINDS = ("items", "pictures")
 
@@ -38,7 +27,8 @@ class SqliteFrontier:
         path.parent.mkdir(parents=True, exist_ok=True)
         self._connection = sqlite3.connect(path, isolation_level=None)
         # in this mode, a killed process loses no committed transaction; a power cut may lose the last ones
-        self._connection.executescript("PRAGMA journal_mode=WAL; PRAGMA synchronous=NORMAL;" + _SCHEMA)
+        self._connection.executescript("PRAGMA journal_mode=WAL; PRAGMA synchronous=NORMAL;")
+        self._connection.executescript(Path(__file__).with_name("frontier.sql").read_text("utf-8"))
         self._connection.execute("UPDATE tasks SET state=? WHERE state=?", (WAITING, LEASED))
         row = self._connection.execute("SELECT coalesce(max(number), 0) FROM tasks").fetchone()
         self._number = int(row[0])

@@ -20,27 +20,11 @@ from metric_base.folders import data_folder
 from metric_base.input_files import read_text
 from metric_base.length_units import MILLIMETRES
 from metric_base.records import BadDeclaration, toml_record
+from metric_base.text_tables import named_texts
 
 Format = Literal["csv", "json", "jsonl", "properties", "xls", "yaml"]
 #: Reasons of rejected rows, by code.
-REASONS: Mapping[str, str] = {
-    "no_size": "no outer size",
-    "unreadable": "a length that cannot be parsed",
-    "out_of_bounds": "a size outside the bounds of the set: a wrong unit or a typing error",
-    "not_an_object": "parcel, ground, spare cover, service or another row that is not about an object",
-    "part_not_whole": "the size of a part of the object",
-    "flat_picture": "an image, print, page or mat, with the size of its sheet or frame",
-    "grid_not_sample": "a regular grid of values for a search instead of a sample of objects",
-    "several_states": "sizes of several states or of several pieces in one text",
-    "marked_unusable": "marked as unusable by its source",
-    "no_category": "no category",
-    "set_of_objects": "one size for a set of several objects",
-    "wrong_axis": "a size along another axis than stated by the column",
-    "superseded": "the same object is in another file of the set, in another scan of its room, or in another set",
-    "miniature": "a miniature of the object in its name",
-    "cut_by_scan": "part of the object was not observed: the size of the scanned part",
-    "juvenile": "a young plant from a nursery",
-}
+REASONS = named_texts(Path(__file__).with_name("reasons.txt"))
 #: Minimum and maximum extent in mm of a table that declares no bounds: finer than any object, longer than any ship.
 BOUNDS_MM = (0.1, 500_000.0)
 #: Relation of a file to the one at its address: the same file, the member of a zip archive with the SHA-256, or the

@@ -144,14 +144,20 @@ class Chains:
             yield from level
 
 
+def tagged_count(wordnet: WordNet, synset: str, noun: str) -> int:
+    """How often the tagged texts of WordNet use a noun in a sense."""
+    word = noun.lower().replace(" ", "_")
+    return sum(lemma.count() for lemma in wordnet.synset(synset).lemmas() if lemma.name().lower() == word)
+
+
 def sense_lines(catalogue: Catalogue, wordnet: WordNet) -> dict[str, list[tuple[int, tuple[str, ...]]]]:
     """Senses of every word with at least one that names an object: how often each is meant, and its nodes."""
     chains = Chains(catalogue, wordnet)
     lines: dict[str, list[tuple[int, tuple[str, ...]]]] = {}
     for noun in sorted(wordnet.nouns):
-        general = [sense for sense in wordnet.senses(noun) if not wordnet.is_instance(sense)]
-        decent = [sense for sense in general if not INSULTS.search(wordnet.definition(sense))]
-        senses = [(wordnet.tagged_count(sense, noun), chains.of(sense)) for sense in decent]
+        general = [sense for sense in wordnet.senses(noun) if not wordnet.synset(sense).instance_hypernyms()]
+        decent = [sense for sense in general if not INSULTS.search(wordnet.synset(sense).definition())]
+        senses = [(tagged_count(wordnet, sense, noun), chains.of(sense)) for sense in decent]
         if any(nodes for _, nodes in senses):
             lines.setdefault(fold_text(noun), []).extend(senses)
     for category in catalogue.categories:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 
@@ -12,3 +13,10 @@ def named_texts(file: Path) -> dict[str, str]:
     """
     lines = (line for line in file.read_text(encoding="utf-8").splitlines() if line and not line.startswith("#"))
     return {name: text for name, _, text in (line.partition(" ") for line in lines)}
+
+
+def text_sections(file: Path) -> dict[str, str]:
+    """Read the lines of a file below each name in brackets, without empty lines and lines that begin with #."""
+    lines = (line for line in file.read_text(encoding="utf-8").splitlines() if line and not line.startswith("#"))
+    _, *parts = re.split(r"^\[([a-z_ ]+)\]\n", "\n".join(lines), flags=re.MULTILINE)
+    return {name: text.strip() for name, text in zip(parts[::2], parts[1::2], strict=True)}

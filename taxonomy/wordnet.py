@@ -64,63 +64,44 @@ class WordNet:
         """Return the noun synset at an offset of `offsets`."""
         return str(self._reader.synset_from_pos_and_offset("n", offset).name())
 
+    def synset(self, name: str) -> Any:
+        """Return the record of nltk of a noun synset. Raises UnknownSynset if there is none."""
+        if name not in self._memory:
+            from nltk.corpus.reader.wordnet import WordNetError
+
+            if name.count(".n.") != 1:
+                raise UnknownSynset(f"synset: expected a name such as chair.n.01; found {name!r}")
+            try:
+                self._memory[name] = self._reader.synset(name)
+            except (WordNetError, ValueError):
+                raise UnknownSynset(f"synset: expected a noun synset of WordNet {VERSION}; found {name!r}") from None
+        return self._memory[name]
+
     def knows(self, synset: str) -> bool:
         """Return True if a name is a noun synset."""
         try:
-            self._synset(synset)
+            self.synset(synset)
         except UnknownSynset:
             return False
         return True
 
     def parents(self, synset: str) -> tuple[str, ...]:
         """Return the synsets one step above: hypernyms, then the classes of an instance."""
-        record = self._synset(synset)
+        record = self.synset(synset)
         return tuple(above.name() for above in (*record.hypernyms(), *record.instance_hypernyms()))
 
     def canonical(self, synset: str) -> str:
         """Return the name of a synset by its first word: `sofa.n.01` for `couch.n.01`."""
-        return str(self._synset(synset).name())
-
-    def is_instance(self, synset: str) -> bool:
-        """Return True if a synset is an individual, such as an inventor, and not a class."""
-        return bool(self._synset(synset).instance_hypernyms())
-
-    def children(self, synset: str) -> tuple[str, ...]:
-        """Return the synsets one step below, without instances."""
-        return tuple(below.name() for below in self._synset(synset).hyponyms())
-
-    def hypernym_paths(self, synset: str) -> tuple[tuple[str, ...], ...]:
-        """Return all paths from `entity.n.01` to a synset, in the order of the parents in WordNet."""
-        above = self.parents(synset)
-        if not above:
-            return ((synset,),)
-        return tuple((*path, synset) for parent in above for path in self.hypernym_paths(parent))
+        return str(self.synset(synset).name())
 
     @cache  # noqa: B019 - one WordNet lives as long as the process
     def hypernyms(self, synset: str) -> tuple[str, ...]:
         """Return all synsets above a synset over all paths, nearest first."""
         return nearest_first(synset, self.parents)
 
-    def is_a(self, synset: str, kind: str) -> bool:
-        """Return True if `kind` is the synset or above it."""
-        return synset == kind or kind in self.hypernyms(synset)
-
     def lemmas(self, synset: str) -> tuple[str, ...]:
         """Return the words of a synset with spaces, in the order of WordNet."""
-        return tuple(name.replace("_", " ") for name in self._synset(synset).lemma_names())
-
-    def definition(self, synset: str) -> str:
-        """Return the gloss of a synset without examples."""
-        return str(self._synset(synset).definition())
-
-    def tagged_count(self, synset: str, noun: str) -> int:
-        """Return the number of occurrences of a noun in this sense in the tagged texts of WordNet."""
-        word = noun.lower().replace(" ", "_")
-        return sum(lemma.count() for lemma in self._synset(synset).lemmas() if lemma.name().lower() == word)
-
-    def offset(self, synset: str) -> str:
-        """Return the id of a synset in ImageNet: `n` and the eight digits of its offset."""
-        return f"n{self._synset(synset).offset():08d}"
+        return tuple(name.replace("_", " ") for name in self.synset(synset).lemma_names())
 
     def synset_at(self, offset: str) -> str:
         """Return the synset of an offset such as `n02119789`.
@@ -160,18 +141,6 @@ class WordNet:
         return frozenset(
             offset for by_pos in self._reader._lemma_pos_offset_map.values() for offset in by_pos.get("n", ())
         )
-
-    def _synset(self, name: str) -> Any:
-        if name not in self._memory:
-            from nltk.corpus.reader.wordnet import WordNetError
-
-            if name.count(".n.") != 1:
-                raise UnknownSynset(f"synset: expected a name such as chair.n.01; found {name!r}")
-            try:
-                self._memory[name] = self._reader.synset(name)
-            except (WordNetError, ValueError):
-                raise UnknownSynset(f"synset: expected a noun synset of WordNet {VERSION}; found {name!r}") from None
-        return self._memory[name]
 
 
 def nearest_first(synset: str, parents: Callable[[str], tuple[str, ...]]) -> tuple[str, ...]:

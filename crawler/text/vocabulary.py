@@ -13,6 +13,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Literal, get_args
 
+from metric_base.text_tables import text_sections
+
 Axis = Literal["length", "width", "height", "depth", "diameter"]
 Language = Literal["en", "de", "fr", "it", "es", "pt", "nl"]
 
@@ -32,15 +34,9 @@ def plain(text: str) -> str:
     return " ".join("".join(c for c in letters if not unicodedata.combining(c)).split())
 
 
-def _lists() -> dict[str, str]:
-    """Return the lists of `vocabulary.txt` by name, each as alternatives of a regular expression."""
-    lines = Path(__file__).with_name("vocabulary.txt").read_text(encoding="utf-8").splitlines()
-    text = "\n".join(line for line in lines if line and not line.startswith("#"))
-    _, *parts = re.split(r"^\[([a-z ]+)\]\n", text, flags=re.MULTILINE)
-    return {name: words.strip().replace("\n", "|") for name, words in zip(parts[::2], parts[1::2], strict=True)}
-
-
-_LISTS = _lists()
+_FILE = Path(__file__).with_name("vocabulary.txt")
+#: Alternatives of a regular expression by the name of their list.
+_LISTS = {name: words.replace("\n", "|") for name, words in text_sections(_FILE).items()}
 #: Axes by word.
 AXIS_WORDS: Mapping[str, str] = {word: axis for axis in get_args(Axis) for word in _LISTS[axis].split("|")}
 _SMALL_WORDS = frozenset(_LISTS["small words"].split("|"))

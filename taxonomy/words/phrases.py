@@ -8,6 +8,7 @@ from functools import cache
 from itertools import pairwise
 
 from metric_base.folders import taxonomy_directory
+from metric_base.text_tables import text_sections
 
 # strings, because `re` compiles and caches a pattern at its first use, and most names need no pattern
 _ASIDES = r"\([^()]*\)|\[[^\[\]]*\]"
@@ -67,15 +68,12 @@ MODIFYING = ("colours", "materials", "sizes", "shapes", "states", "patterns", "p
 @cache
 def word_list(name: str) -> frozenset[str]:
     """Return the words of a list in `data/taxonomy/word_lists.txt`, such as `colours`."""
-    return _word_lists()[name]
+    return frozenset(_word_lists()[name].split())
 
 
 @cache
-def _word_lists() -> dict[str, frozenset[str]]:
-    lines = (taxonomy_directory() / "word_lists.txt").read_text(encoding="utf-8").splitlines()
-    text = "\n".join(line for line in lines if not line.startswith("#"))
-    named = (part.partition("]") for part in text.split("[")[1:])
-    return {name: frozenset(words.split()) for name, _, words in named}
+def _word_lists() -> dict[str, str]:
+    return text_sections(taxonomy_directory() / "word_lists.txt")
 
 
 def noun_phrase(text: str) -> str:

@@ -155,7 +155,7 @@ def names_below(concept: str) -> set[frozenset[str]]:
     wordnet = default_lexicon().wordnet
     synsets, level = set(), {concept}
     while level:
-        level = {child for above in level for child in wordnet.children(above)} - synsets
+        level = {child.name() for above in level for child in wordnet.synset(above).hyponyms()} - synsets
         synsets |= level
     return {words(lemma) for synset in synsets for lemma in wordnet.lemmas(synset)}
 

@@ -6,6 +6,7 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from metric_base.arrays import FloatArray, IntArray, grouped
 from metric_base.errors import InputError
 from metric_base.escaping import visible
 from metric_base.folders import taxonomy_directory
+from metric_base.text_tables import named_texts
 from metric_tree.node import Node, NoPrior
 from metric_tree.prior import QUANTILES, Prior
 from metric_tree.tree import Tree
@@ -24,15 +26,7 @@ from taxonomy.label_lists import Label, vocabularies, vocabulary
 #: Tier of a node without a prior.
 UNKNOWN = "unknown"
 #: Meaning of each tier, the best first.
-MEANINGS = {
-    "norm": "a published norm fixes it",
-    "measured": "many real items of several sources",
-    "few": "few real items, or a single source",
-    "models": "3-D models and museum pieces",
-    "borrowed": "most of it comes from the categories around it",
-    "judged": "a language model's range; nothing was measured",
-    UNKNOWN: "nothing is known of its size",
-}
+MEANINGS = named_texts(Path(__file__).with_name("tier_meanings.txt"))
 
 
 class ReleaseCatalogue:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
@@ -72,3 +73,10 @@ def filled_units(units: Iterable[str | None]) -> list[str | None]:
 def millimetres(value: float, unit: str) -> float:
     """Convert a length to millimetres; `unit` is a key of `MILLIMETRES`."""
     return value * MILLIMETRES[unit]
+
+
+def bar_length(mm_per_px: float, max_px: float = 200) -> float:
+    """Return the longest length in mm of the form 1, 2 or 5 times a power of ten that is at most `max_px` pixels."""
+    max_mm = mm_per_px * max_px
+    power = 10.0 ** math.floor(math.log10(max_mm))
+    return max(digit * power for digit in (1, 2, 5) if digit * power <= max_mm)

@@ -11,35 +11,21 @@ import traceback
 from collections.abc import Callable
 from contextlib import suppress
 from contextvars import copy_context
+from pathlib import Path
 from typing import TextIO
 
 from metric_base.errors import InputError
 from metric_base.escaping import visible
 from metric_base.files import WRITE_ERRORS
 from metric_base.remote import with_remote_files
+from metric_base.text_tables import named_texts
 from metric_cli.parser import HELP_WIDTH
 from metric_cli.programs import INTERRUPTED, Terminated, orderly_termination
 from metric_cli.tables import _HANDLER, _plain
 
-#: Modules of each extra of `pyproject.toml`. A message names the first extra that has the missing module.
-MODULES_BY_EXTRA: dict[str, tuple[str, ...]] = {
-    "scene": ("cv2", "matplotlib", "PIL", "pycocotools", "pycolmap", "scipy", "sklearn"),
-    "detect": ("onnxruntime",),
-    "video": ("av",),
-    "insert": ("moderngl",),
-    "usd": ("pxr",),
-    "crawl": ("scrapy", "lxml", "extruct", "brotli", "redis", "twisted", "w3lib"),
-    "build": ("nltk", "pooch", "requests", "xlrd", "yaml"),
-    "images": ("rembg",),
-    "assets": ("trimesh", "collada", "lxml"),
-    "cluster": ("distributed",),
-    "s3": ("s3fs",),
-    "gs": ("gcsfs",),
-    "az": ("adlfs",),
-    "serve": ("jinja2", "markupsafe", "starlette", "uvicorn"),
-    "mcp": ("mcp",),
-    "pandas": ("pandas",),
-    "view": ("open3d",),
+#: Modules of each extra of `pyproject.toml`.
+MODULES_BY_EXTRA = {
+    extra: modules.split() for extra, modules in named_texts(Path(__file__).with_name("extras.txt")).items()
 }
 #: Environment variable that shows the traceback of an internal error.
 DEBUG_ENV = "METRIC_TREE_DEBUG"

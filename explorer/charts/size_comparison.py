@@ -2,31 +2,18 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 from explorer.charts.axis import length_text, svg
+from metric_base.length_units import bar_length
 
 WIDTH, MAX_TALL, FOOT, MARGIN, GAP = 340, 186, 40, 10, 14
 
 #: Name, width and height in mm, and an outline in a box of 100 by 100: a person of 1.70 m, a door of 0.9 by 2.0 m (as
 #: doors of homes are), a hand of 19 cm (the median of ANSUR II).
-REFERENCES = (
-    (
-        "person",
-        480.0,
-        1700.0,
-        "M50 0c9 0 13 4 13 8s-4 8-9 8c22 0 30 3 34 9l8 25c2 5-8 7-11 3l-7-20v67h-22V62h-12v38"
-        "H22V33l-7 20c-3 4-13 2-11-3l8-25c4-6 12-9 34-9-5 0-9-4-9-8s4-8 13-8Z",
-    ),
-    ("door", 900.0, 2000.0, "M0 100V0H100V100H92V4H8V100Z M80 52a4 2 0 1 0 .1 0Z"),
-    (
-        "hand",
-        90.0,
-        190.0,
-        "M22 100l-3-22L3 52c-5-8 5-13 10-6l13 15L21 14c-1-8 10-9 12-1l7 33L43 5c1-8 12-8 13 0"
-        "l1 41 8-36c2-8 13-6 12 2l-5 38 10-24c4-7 13-4 11 4L82 76l-4 24Z",
-    ),
-)
+REFERENCES = json.loads(Path(__file__).with_name("references.json").read_text(encoding="utf-8"))
 
 #: Width of the bar of a single dimension, relative to its length.
 BAR_RATIO = 0.04
@@ -87,9 +74,7 @@ def size_comparison(name: str, box: DrawnBox) -> str:
         text_x = min(max(centre, 16.0), WIDTH - 20.0)
         body += f'<text x="{text_x:.1f}" y="{floor + 13 + 11 * row:.1f}">{text}</text>'
     # A scale bar of a round length
-    max_mm = MAX_BAR_PX / scale
-    power = 10.0 ** int(f"{max_mm:e}".partition("e")[2])
-    length = next(step * power for step in (5, 2, 1) if step * power <= max_mm)
+    length = bar_length(1 / scale, MAX_BAR_PX)
     body += (
         f'<path class="bar" d="M{MARGIN} {height - 6:.1f}v4h{length * scale:.1f}v-4"/>'
         f'<text class="start" x="{MARGIN + length * scale + 5:.1f}" y="{height - 2:.1f}">{length_text(length)}</text>'

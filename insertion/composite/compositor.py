@@ -26,6 +26,7 @@ from insertion.composite.motion_blur import MotionBlur
 from insertion.composite.occlusion import has_unconfirmed_occluder, occluded_fraction, on_support
 from insertion.composite.shadow_receivers import transmitted_light
 from insertion.footage.footage import Footage, Frame
+from insertion.footage.image_writer import Writer
 from insertion.light.light_model import LightModel
 from insertion.placement.placed_object import PlacedObject
 from insertion.render.body import Body
@@ -38,7 +39,6 @@ from insertion.scene.scale import MetricScale
 from metric_base.arrays import FloatArray
 from metric_base.progress import ProgressCallback, silent, with_progress
 
-Writer = Callable[[Frame, Image], None]
 #: Returns the layer (h, w, 4) of a frame in linear light, premultiplied.
 Tracer = Callable[[Frame], NDArray[np.float32]]
 #: Height at which the light on the support is estimated, as a fraction of the height of the object.

@@ -27,6 +27,7 @@ from insertion.scene.camera_rays import camera_rays, surface_normals
 from insertion.scene.pixel_box import PixelBox
 from metric_base.arrays import FloatArray
 from metric_base.images import write_image
+from metric_base.text_tables import named_texts
 
 SCHEMA = "metric-tree/layers/1"
 #: Pixel format of FFmpeg and order of the channels in its planes, by the number of channels.
@@ -34,19 +35,7 @@ _FORMATS = {1: ("grayf32le", (0,)), 3: ("gbrpf32le", (1, 2, 0)), 4: ("gbrapf32le
 #: Weight of the blurred coverage of an object relative to its sharp coverage.
 BLUR_WEIGHT = 1e-3
 #: Content of each folder, for `layers.json`.
-LAYERS = {
-    "plate": "the image without objects, linear RGB",
-    "object": "visible part of all objects, linear RGB premultiplied by A, with blur and grain; half",
-    "object_N": "part of object N in `object`, if there are several; the sum is `object`; half",
-    "shadow": "fraction of the light of the plate that remains, RGB; half",
-    "occlusion": "occluded fraction of the nearest object; half",
-    "depth": "depth of the nearest object along the optical axis in metres, 0 without one; float",
-    "normal": "geometric normal of the nearest object in the camera (x right, y down, z ahead); half",
-    "id": "number of the nearest object from 1, 0 without one; 8 bits",
-    "undistorted": "the plate without lens distortion; half",
-    "matte": "occlusion without lens distortion; half",
-    "distortion": "x and y of each pixel in the undistorted plate (first pixel 0.5), 0; float",
-}
+LAYERS = named_texts(Path(__file__).with_name("layers.txt"))
 
 
 class CompositingLayers:

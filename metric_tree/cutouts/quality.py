@@ -3,24 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from metric_base.text_tables import named_texts
 from metric_tree.cutouts.backend import RGB
 
 #: Reasons to reject a cut-out (column `set_aside`).
-REASONS = {
-    "empty": "less than half a per cent of the image is foreground",
-    "full": "more than 97 % of the image is foreground, or it covers most of the border of the image",
-    "several": "two or more objects of similar size that do not touch",
-    "doubtful": "the quality is below 0.5: a blurred edge, or no difference of colour along it",
-    "not_plain": "the background is not plain, as the backend requires",
-    "poor": "the reviewer of the guide rejected the cut-out",
-    "no_weights": "the background is not plain, and no weights of a network are available",
-    "unreadable": "the file is not an image: broken, animated, too large, or of another type than its name",
-}
+REASONS = named_texts(Path(__file__).with_name("reasons.txt"))
 
 #: Range of the fraction of the foreground; outside, the backend found no object or no background.
 MIN_FOREGROUND_FRACTION, MAX_FOREGROUND_FRACTION = 0.005, 0.97

@@ -14,14 +14,8 @@ SCHEMA = "metric-tree/1"
 _VECTOR = pa.list_(pa.float64())
 #: Source, country or region, mean year, offset (d,) of ln size and its sampling variance (d,).
 _CONTEXT = {"source": pa.string(), "region": pa.string(), "year": pa.float64(), "offset": _VECTOR, "variance": _VECTOR}
-#: Types by their name in `columns.csv`.
+#: Types by their name in `columns.csv`, except those of Arrow.
 _TYPES = {
-    "string": pa.string(),
-    "int8": pa.int8(),
-    "int32": pa.int32(),
-    "int64": pa.int64(),
-    "uint64": pa.uint64(),
-    "float64": pa.float64(),
     "strings": pa.list_(pa.string()),
     "integers": pa.list_(pa.int32()),
     "vector": _VECTOR,
@@ -42,7 +36,7 @@ def table_schema(table: str, name: str = SCHEMA) -> pa.Schema:
     for row in _COLUMNS:
         if row["table"] == table:
             metadata = {"meaning": row["meaning"]} | ({"unit": row["unit"]} if row["unit"] else {})
-            fields.append(pa.field(row["column"], _TYPES[row["type"]], metadata=metadata))
+            fields.append(pa.field(row["column"], _TYPES.get(row["type"], row["type"]), metadata=metadata))
     return pa.schema(fields, metadata={"schema": name})
 
 

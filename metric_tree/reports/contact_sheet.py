@@ -7,7 +7,6 @@ along its longest side too large.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -19,6 +18,7 @@ from typing import Any
 from crawler.fetch.item_images import decode_image
 from metric_base.errors import InputError
 from metric_base.files import output_file, whole_file
+from metric_base.length_units import bar_length
 from metric_tree.node import Node
 from metric_tree.release.images import image_path
 
@@ -176,13 +176,6 @@ def scaled_image(tile: Tile, mm_per_px: float) -> Any:
     size = (max(1, round(image.width * factor)), max(1, round(image.height * factor)))
     small = image.resize(size, Image.Resampling.LANCZOS)
     return small if tile.is_cut else ImageOps.expand(small, 1, "#cc8844")
-
-
-def bar_length(mm_per_px: float, max_px: float = 200) -> float:
-    """Return the longest length in mm of the form 1, 2 or 5 times a power of ten that is at most `max_px` pixels."""
-    max_mm = mm_per_px * max_px
-    power = 10.0 ** math.floor(math.log10(max_mm))
-    return max(digit * power for digit in (1, 2, 5) if digit * power <= max_mm)
 
 
 @cache

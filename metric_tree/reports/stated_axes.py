@@ -7,23 +7,14 @@ deep and high: the width of a sofa is its `length`, its depth the `width`. Round
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 
+from metric_base.text_tables import text_sections
 from metric_tree.node import Node
 
-#: Nodes whose objects have a front: the length is the width, the width the depth.
-WITH_FRONT = frozenset(
-    """
-    seat.n.03 mt:storage_furniture mt:other_furniture desk.n.01 stand.n.04 counter.n.01 appliance.n.02 mt:audio_video
-    sink.n.01 toilet.n.02 shower.n.01 door.n.01 window.n.01 barrier.n.01 person.n.01
-    """.split()  # noqa: SIM905  ids are more legible than a list of strings
-)
-#: Nodes whose objects are round from above; the medians of length and width differ by less than 10 %.
-ROUND = frozenset(
-    """
-    jar.n.01 vase.n.01 bucket.n.01 barrel.n.02 glass.n.02 goblet.n.01 plate.n.04 bowl.n.03 saucer.n.02 bottle.n.01
-    shaker.n.03 drum.n.01 coin.n.01 mt:tin_can soda_can.n.01 compact_disk.n.01 phonograph_record.n.01 mt:traffic_cone
-    manhole_cover.n.01 mt:round_table
-    """.split()  # noqa: SIM905
+#: Nodes whose objects have a front, and those whose objects are round from above.
+WITH_FRONT, ROUND = (
+    frozenset(ids.split()) for ids in text_sections(Path(__file__).with_name("stated_axes.txt")).values()
 )
 _FRONT_NAMES = {"length": "width", "width": "depth"}
 _ROUND_NAMES = {"length": "diameter", "width": "smaller diameter"}

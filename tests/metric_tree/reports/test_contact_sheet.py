@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
+from metric_base.length_units import bar_length
 from metric_cli.subcommands import main
 from metric_tree.cutouts.backend import Settings
 from metric_tree.cutouts.release_cutouts import cut_release
@@ -18,7 +19,6 @@ from metric_tree.reports.contact_sheet import (
     MARGIN,
     MAX_SIDE_PX,
     Tile,
-    bar_length,
     image_rows,
     scaled_image,
     sheet_image,

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimator.records.scene import DenseCloud, Instance, Scene
-from insertion.composite.compositor import Compositor, Writer, composite_footage
+from insertion.composite.compositor import Compositor, composite_footage
 from insertion.footage.footage import Footage, ImageSequence, SceneImages
+from insertion.footage.image_writer import Writer
 from insertion.insertion_scene import InsertionScene, build_scene
 from insertion.placement.placed_object import PlacedObject, place_objects
 from insertion.request import ObjectRequest

@@ -18,6 +18,7 @@ from estimator.geometry.mask_outlines import OutlineExtents, Outlines, outline_e
 from estimator.geometry.planes import MAX_BELOW_FLOOR_FRACTION
 from estimator.geometry.point_noise import point_covariances
 from estimator.geometry.scene_geometry import SceneGeometry
+from estimator.geometry.truncation import MIN_VISIBLE_SINE
 from estimator.projection.visibility import row_indices
 from estimator.records.objects import BY_OUTLINES, Box, MeasuredObject, SupportPlane
 from estimator.records.scene import Instance, Scene, camera_centres
@@ -200,17 +201,25 @@ def _box_steps(item: MeasuredObject, data: OutlineData) -> Steps:
         bottom = float(item.box.centre @ basis[2]) - float(item.extents[2]) / 2
         foot = (bottom, FOOT_SIGMA_FRACTION * float(item.extents[2]))
     centre_sd = BOX_CENTRE_SD * float(np.sqrt(item.extents[0] * item.extents[2]))
-    cuboid = yield CuboidProblem(data.outlines_of(item), centre, _yaw(item, basis), foot, centre_sd=centre_sd)
+    outlines = data.outlines_of(item)
+    cuboid = yield CuboidProblem(outlines, centre, _yaw(item, basis), foot, centre_sd=centre_sd)
     # The covariance of a cuboid contains its misfit from 1 on.
     deviations = np.sqrt(np.diag(cuboid.covariance))
     sigma = FIT_SIGMA_FACTOR * deviations * max(cuboid.misfit, MIN_BOX_MISFIT) / max(cuboid.misfit, 1.0)
+    box = _box_of(cuboid, basis)
+    # Boxes show neither end of a side along all lines of sight.
+    sight = outlines.rotation @ cuboid.centre + outlines.translation
+    sides = outlines.rotation @ basis @ box.axes[:2].T  # (v, 3, 2)
+    cosines = np.abs(np.einsum("vi,via->va", sight, sides)) / np.linalg.norm(sight, axis=1)[:, None]
+    truncated = outlines.truncated_sides(foot is not None)
+    truncated[:2] |= (cosines > np.sqrt(1 - MIN_VISIBLE_SINE**2)).all(axis=0)
     return replace(
         item,
         extents=cuboid.extents,
         sigma=np.hypot(sigma, BOX_SIGMA),
-        truncated=np.zeros(3, dtype=bool),
+        truncated=truncated,
         unsupported_height=None,
-        box=_box_of(cuboid, basis),
+        box=box,
     )
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from estimator.geometry import outline_measurement
 from estimator.geometry.cuboid_fit import Cuboid, CuboidProblem
-from estimator.geometry.mask_outlines import OutlineExtents, mask_contour, outline_extents
+from estimator.geometry.mask_outlines import OutlineExtents, Outlines, mask_contour, outline_extents
 from estimator.geometry.outline_measurement import (
     LEVEL_TOP,
     combine_sizes,
@@ -208,7 +208,7 @@ def test_the_error_of_boxes_is_that_of_their_fit_and_of_objects_that_are_no_cubo
         instances=[mask],
         geometry=SimpleNamespace(basis=np.eye(3)),
         clouds=[SimpleNamespace(points=points)],
-        outlines_of=lambda _: None,
+        outlines_of=lambda _: _outlines_from(45.0, 135.0),
     )
     seen = np.array([1.0, 0.5, 0.8])
     item = MeasuredObject(
@@ -244,3 +244,42 @@ def test_an_outline_that_ends_near_a_plane_is_fitted_on_it(
     measure_objects(world.scene, world.instances)
     assert len(rounds[0]) >= len(gaps)
     assert [int(problem.centre[0]) for problem in rounds[1]] == [0, 2, 4]
+
+
+def _outlines_from(*azimuths: float) -> Outlines:
+    """Complete outlines from level cameras at a distance of 5 from the origin, at azimuths in degrees."""
+    eyes = [5 * np.array([np.cos(angle), np.sin(angle), 0.0]) for angle in np.radians(azimuths)]
+    views = [view_at(eye, np.zeros(3), "a", size=(640, 480), focal=500.0) for eye in eyes]
+    n = len(views)
+    rotation, translation = (np.array([getattr(view, name) for view in views]) for name in ("rotation", "translation"))
+    return Outlines(np.full((n, 8), 0.1), np.full((n, 8), 0.01), np.ones((n, 8), dtype=bool), rotation, translation)
+
+
+@pytest.mark.parametrize(
+    ("azimuths", "truncated"),
+    [
+        ((16.0, 164.0), [True, False, False]),  # from both ends: a sine of 0.28, 0.3 needed
+        ((16.0, 19.0), [False, False, False]),
+        ((75.0, 88.0), [False, True, False]),
+    ],
+)
+def test_boxes_show_no_end_of_a_side_along_all_lines_of_sight(
+    monkeypatch: pytest.MonkeyPatch, azimuths: tuple[float, ...], truncated: list[bool]
+) -> None:
+    """A car from behind: its boxes are as wide as the car, and its length is a lower bound."""
+    sides = np.array([4.5, 1.8, 1.5])
+    monkeypatch.setattr(
+        outline_measurement, "fit_cuboids", lambda given: [Cuboid(np.zeros(3), 0.0, sides, np.eye(3), 1.0)] * len(given)
+    )
+    data = SimpleNamespace(
+        instances=[Instance("1", 0, "car", np.ones((2, 2), dtype=bool), (0, 0), from_box=True)],
+        geometry=SimpleNamespace(basis=np.eye(3)),
+        clouds=[SimpleNamespace(points=np.zeros((1, 3)))],
+        outlines_of=lambda _: _outlines_from(*azimuths),
+    )
+    item = MeasuredObject(
+        "1", "car", sides, np.full(3, 0.1), members=(0,), cloud="sparse", point_rows=np.zeros(1, dtype=int),
+        box=Box(np.zeros(3), np.eye(3), sides),
+    )  # fmt: skip
+    (found,) = outline_measurement.measured_by_outlines([item], data)  # type: ignore[arg-type]
+    assert found.truncated.tolist() == truncated

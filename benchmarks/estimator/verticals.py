@@ -3,8 +3,9 @@
     OMP_NUM_THREADS=1 python -m benchmarks.estimator.verticals [SCENE ...]
 
 The scenes are hard synthetic rooms, half of them with every second object tilted by four degrees, with all or a tenth
-of the floor's points, sparse and dense; captures with misleading clouds (`tests.synthetic.verticals`); and scenes on
-disk whose `truth.json` states up. Seeds 1100 to 1103 are for development.
+of the floor's points; captures with misleading dense clouds (`tests.synthetic.verticals`); and scenes on disk whose
+`truth.json` states up. Rooms and scenes on disk have only sparse points, or dense points as well. Seeds 1100 to 1103
+are for development.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.common import print_rows, seeds_parser
-from estimator.geometry.planes import height_bin_width, height_peaks
+from estimator.geometry.planes import height_bin_width, height_peaks, voxel_downsample
 from estimator.geometry.vertical import camera_up, refine_up
 from estimator.reconstructions.scene_reader import read_scene
 from estimator.records.scene import View
@@ -39,8 +40,8 @@ FLOOR_BINS = 3
 #: Number of captures of each kind with misleading clouds per seed.
 CAPTURES_A_SEED = 5
 
-#: Kind of scene, true up vector, views, points.
-Case = tuple[str, FloatArray, tuple[View, ...], FloatArray]
+#: Kind of scene, true up vector, views, clouds with the densest last.
+Case = tuple[str, FloatArray, tuple[View, ...], tuple[FloatArray, ...]]
 
 
 def main() -> None:
@@ -50,8 +51,8 @@ def main() -> None:
     options = parser.parse_args()
     rows: dict[str, list[tuple[float, float]]] = {}
     cases = (*_on_disk(options.scenes), *_rooms(*options.seeds), *_misleading(*options.seeds))
-    for kind, true, views, points in cases:
-        up = refine_up(camera_up(views), points)
+    for kind, true, views, clouds in cases:
+        up = refine_up(camera_up(views), [voxel_downsample(points) for points in clouds])
         off = float(np.degrees(np.arccos(np.clip(up.vector @ true, -1, 1))))
         rows.setdefault(kind, []).append((off, up.sigma_deg))
     columns = ("scenes", "", "off by, median", "90th percentile", "stated, median", "within one", "within two")
@@ -67,9 +68,10 @@ def _on_disk(folders: list[Path]) -> Iterator[Case]:
     for folder in folders:
         scene = read_scene(folder)
         true = np.array(json.loads((folder / "truth.json").read_text())["up_in_scene"])
-        yield f"`{folder.name}`, sparse", true / np.linalg.norm(true), scene.views, scene.points
+        yield f"`{folder.name}`, sparse", true / np.linalg.norm(true), scene.views, (scene.points,)
         if scene.dense is not None:
-            yield f"`{folder.name}`, dense", true / np.linalg.norm(true), scene.views, scene.dense.points
+            clouds = scene.points, scene.dense.points
+            yield f"`{folder.name}`, sparse and dense", true / np.linalg.norm(true), scene.views, clouds
 
 
 def _rooms(first: int, end: int) -> Iterator[Case]:
@@ -82,15 +84,19 @@ def _rooms(first: int, end: int) -> Iterator[Case]:
             ):
                 room = quick_scene(furnished_room(kind, seed, knobs), knobs, seed=seed)
                 dense = room.scene.dense
+                clouds: tuple[FloatArray, ...] = ()
+                bare: tuple[FloatArray, ...] = ()
                 for points in (room.scene.points, *(() if dense is None else (dense.points,))):
-                    yield name, room.truth.up, room.scene.views, points
+                    clouds = (*clouds, points)
+                    yield name, room.truth.up, room.scene.views, clouds
                     heights = points @ room.truth.up
                     width = height_bin_width(heights)
                     levels = height_peaks(heights, width)
                     if levels:
                         above = np.abs(heights - levels[0]) > FLOOR_BINS * width
                         keep = above | (generator.random(len(heights)) < BARE_FLOOR_FRACTION)
-                        yield f"{name}, floor bare", room.truth.up, room.scene.views, points[keep]
+                        bare = (*bare, points[keep])
+                        yield f"{name}, floor bare", room.truth.up, room.scene.views, bare
 
 
 def _misleading(first: int, end: int) -> Iterator[Case]:

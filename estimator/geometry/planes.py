@@ -59,21 +59,16 @@ def level_basis(up: FloatArray) -> FloatArray:
     return np.stack([first, np.cross(up, first), up])
 
 
-def support_planes(
-    up: FloatArray, points: FloatArray, downsampled: FloatArray | None = None
-) -> tuple[SupportPlane, ...]:
+def support_planes(up: FloatArray, downsampled: FloatArray) -> tuple[SupportPlane, ...]:
     """Find the level surfaces of a cloud, lowest first.
 
     Parameters
     ----------
     up : (3,) ndarray of float
         Unit vertical.
-    points : (n, 3) ndarray of float
-    downsampled : (m, 3) ndarray of float, optional
-        Result of `voxel_downsample(points)`, if it is already computed.
+    downsampled : (n, 3) ndarray of float
+        Result of `voxel_downsample`.
     """
-    if downsampled is None:
-        downsampled = voxel_downsample(points)
     if len(downsampled) < MIN_POINTS:
         return ()
     basis = level_basis(up)

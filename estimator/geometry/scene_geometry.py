@@ -51,21 +51,20 @@ def scene_geometry(
     seconds : dict
         Receives the duration of each step.
     """
-    surface = clouds[-1].points
     with stopwatch(seconds, "up"):
-        downsampled = voxel_downsample(surface)
+        downsampled = [voxel_downsample(cloud.points) for cloud in clouds]
         up = camera_up(scene.views)
         if options.planes_for_up:
-            up = refine_up(up, surface, downsampled)
+            up = refine_up(up, downsampled)
         problems = () if given is None else up_problems(given, up)
         up = given or up
         basis = level_basis(up.vector)
         planes: tuple[SupportPlane, ...] = ()
         floor, support_cloud = None, None
         if options.supports:
-            planes = support_planes(up.vector, surface, downsampled)
-            floor = floor_of(planes, surface)
-            support_cloud = SupportCloud.from_points(downsampled @ basis.T, floor)
+            planes = support_planes(up.vector, downsampled[-1])
+            floor = floor_of(planes, clouds[-1].points)
+            support_cloud = SupportCloud.from_points(downsampled[-1] @ basis.T, floor)
     with stopwatch(seconds, "noise"):
         noise = tuple(depth_noise(scene.views, cloud) for cloud in clouds)
     return SceneGeometry(up, basis, planes, floor, support_cloud, noise, problems)

@@ -6,12 +6,14 @@ axis is known, and the mean camera up is used within it.
 
 Level surfaces. The heights of walls are spread evenly and those of level surfaces coincide, so the correct vertical has
 the sharpest histogram of heights. Near it, a plane is fitted to each level surface. Cameras and surfaces are combined
-by their covariances; if they scatter by more than these, the standard deviation is increased.
+by their covariances; if they scatter by more than these, the standard deviation is increased. The vertical departs from
+the cameras' own only as far as each cloud supports.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
@@ -23,7 +25,6 @@ from estimator.geometry.planes import (
     height_bin_width,
     height_peaks,
     level_basis,
-    voxel_downsample,
 )
 from estimator.records.objects import Up
 from estimator.records.scene import SceneProblem, View
@@ -90,6 +91,9 @@ MAX_SLOPE_DEG = 8.0
 # Squared distance of the cameras' vertical from the result, in their covariance, above which it enters the stated
 # error: the mean of consistent cameras. On a steep street, the cameras are right and its surface is not level.
 MAX_CAMERA_DISTANCE2 = 2.0
+# Maximum angle in degrees between the verticals of two clouds that agree: about two standard deviations of the slope
+# of a surface (0.7). Beyond it, one of them is bent or smeared.
+MAX_CLOUD_ANGLE_DEG = 1.5
 # Number of points per independent observation of a plane: the errors of neighbouring points are correlated.
 POINTS_PER_READING = 10.0
 # Standard deviation in degrees of the slope of a surface that is as wide as the scene, whatever its number of points:
@@ -176,25 +180,39 @@ def up_problems(given: Up, estimated: Up) -> tuple[SceneProblem, ...]:
     return (SceneProblem(message, min(angle, 180 - angle) > MAX_UP_ERROR_DEG + limit),)
 
 
-def refine_up(up: Up, points: FloatArray, downsampled: FloatArray | None = None) -> Up:
-    """Refine a vertical by the level surfaces of a cloud.
+def refine_up(up: Up, clouds: Sequence[FloatArray]) -> Up:
+    """Refine a vertical by the level surfaces of the clouds of a scene.
 
     Parameters
     ----------
     up : Up
         Vertical of the cameras.
-    points : (n, 3) ndarray of float
-    downsampled : (m, 3) ndarray of float, optional
-        Result of `voxel_downsample(points)`, if it is already computed.
+    clouds : sequence of (n, 3) ndarray of float
+        Results of `voxel_downsample`, the densest last.
 
     Returns
     -------
     Up
-        `up` itself if it is unknown or the cloud has no level surface. It is unknown if the mean camera up has no level
+        The vertical of the last cloud that has level surfaces. If another cloud differs by more than
+        `MAX_CLOUD_ANGLE_DEG`, the one nearest to the cameras' vertical, with the angle in its standard deviation. `up`
+        itself if it is unknown or no cloud has a level surface. It is unknown if the mean camera up has no level
         surface and the cameras look straight at a surface, which may be a wall or the ground.
     """
-    if downsampled is None:
-        downsampled = voxel_downsample(points)
+    refined = [_refine_by_cloud(up, cloud) for cloud in clouds]
+    # A cloud without level surfaces has too few points to judge and does not veto.
+    supported = [one for one in refined if one.method.endswith("+plane")]
+    if not supported or refined[-1].method == "none":
+        return refined[-1]
+    cosines = np.array([one.vector for one in supported]) @ supported[-1].vector
+    angle = np.degrees(np.arccos(min(cosines.min(), 1.0)))
+    if angle <= MAX_CLOUD_ANGLE_DEG:
+        return supported[-1]
+    nearest = max(supported, key=lambda one: float(one.vector @ up.vector))
+    return replace(nearest, sigma_deg=float(np.hypot(nearest.sigma_deg, angle)))
+
+
+def _refine_by_cloud(up: Up, downsampled: FloatArray) -> Up:
+    """Refine a vertical by the level surfaces of one cloud (n, 3)."""
     if len(downsampled) < MIN_POINTS or up.method == "none":
         return up
     bin_width = height_bin_width(downsampled @ up.vector)

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.ndimage import binary_erosion
 from scipy.spatial import cKDTree
 
-from estimator.geometry.planes import floor_of, level_basis, support_planes
+from estimator.geometry.planes import floor_of, level_basis, support_planes, voxel_downsample
 from estimator.geometry.vertical import camera_up, refine_up
 from estimator.records.objects import SupportPlane, Up
 from estimator.records.scene import Scene, View
@@ -90,9 +90,11 @@ def support_surfaces(scene: Scene, cloud: ColouredPoints, up: Up | None = None) 
     up : Up, optional
         The vertical, if it is known; else it is estimated from the cameras and the planes.
     """
-    points = scene.points if scene.dense is None else scene.dense.points
-    up = up or refine_up(camera_up(scene.views), points)
-    planes = support_planes(up.vector, points)
+    clouds = [voxel_downsample(scene.points)]
+    if scene.dense is not None:
+        clouds.append(voxel_downsample(scene.dense.points))
+    up = up or refine_up(camera_up(scene.views), clouds)
+    planes = support_planes(up.vector, clouds[-1])
     return SupportSurfaces(up, tuple(surface_of(k, plane, cloud, scene.views) for k, plane in enumerate(planes)))
 
 

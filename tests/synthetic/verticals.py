@@ -1,17 +1,18 @@
-"""Captures whose clouds mislead about the vertical: smeared, with floaters, or of a sloping street (z is up)."""
+"""Captures whose dense clouds mislead about the vertical: smeared, turned, with floaters, or steep (z is up)."""
 
 from __future__ import annotations
 
 from itertools import product
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from estimator.records.scene import View
 from metric_base.arrays import FloatArray
 from tests.synthetic.shapes import view_at
 
 CAPTURES = ("vehicle-mounted", "forward-moving", "hand-held", "nadir")
-DEFECTS = ("smeared", "floaters", "steep")
+DEFECTS = ("smeared", "floaters", "steep", "turned")
 #: Number of views, and of points before floaters are added.
 N_VIEWS, N_POINTS = 24, 4000
 #: Gradients of steep streets.
@@ -19,10 +20,15 @@ MIN_GRADE, MAX_GRADE = 0.05, 0.12
 #: Standard deviations of points along their rays, relative to the distance; one point in seven of a smeared cloud has
 #: four times the error.
 NOISE, SMEAR = 0.004, 0.03
+#: Angle in degrees by which a dense cloud was once turned.
+TURN_DEG = 5.8
 
 
-def misleading_capture(capture: str, defect: str, seed: int) -> tuple[tuple[View, ...], FloatArray]:
-    """Return the views and the points (n, 3) of one of `CAPTURES` with one of `DEFECTS`."""
+def misleading_capture(capture: str, defect: str, seed: int) -> tuple[tuple[View, ...], tuple[FloatArray, FloatArray]]:
+    """Return the views, the sparse and the dense points (n, 3) of one of `CAPTURES`, dense ones with one of `DEFECTS`.
+
+    The sparse points are a third of the points. Their only defect is the steepness of the street.
+    """
     generator = np.random.default_rng([seed, CAPTURES.index(capture), DEFECTS.index(defect)])
     grade = generator.uniform(MIN_GRADE, MAX_GRADE) if defect == "steep" else 0.0
     views = _views(capture, grade, generator)
@@ -32,13 +38,18 @@ def misleading_capture(capture: str, defect: str, seed: int) -> tuple[tuple[View
     error = generator.normal(0, SMEAR if defect == "smeared" else NOISE, (len(points), 1))
     if defect == "smeared":
         error *= np.where(generator.random((len(points), 1)) < 1 / 7, 4, 1)
-    points = eyes + (points - eyes) * (1 + error)
+    rays = points - eyes
+    points = eyes + rays * (1 + error)
     if defect == "floaters":
         low, high = np.percentile(points, [1, 99], axis=0)
         count, margin = len(points) // 7, 0.3 * (high - low)
         blob = generator.uniform(low, high) + generator.normal(0, 0.03, (count // 2, 3)) * (high - low)
         points = np.vstack([points, generator.uniform(low - margin, high + margin, (count, 3)), blob])
-    return views, points
+    sparse = eyes + rays * (1 + generator.normal(0, NOISE, (len(rays), 1)))
+    if defect == "turned":
+        axis = generator.normal(size=2)
+        points = Rotation.from_rotvec(np.radians(TURN_DEG) * np.array([*axis, 0]) / np.hypot(*axis)).apply(points)
+    return views, (sparse[::3], np.asarray(points))
 
 
 def _views(capture: str, grade: float, generator: np.random.Generator) -> tuple[View, ...]:

@@ -24,7 +24,7 @@ def room():
 
 
 def test_floor_and_table_are_found_at_their_heights(room):
-    planes = support_planes(UP, room.scene.dense.points)
+    planes = support_planes(UP, voxel_downsample(room.scene.dense.points))
     assert [round(plane.height, 1) for plane in planes] == [0.0, 0.7]
     assert abs(planes[0].height) < 0.01
     assert abs(planes[1].height - 0.72) < 0.01
@@ -32,7 +32,7 @@ def test_floor_and_table_are_found_at_their_heights(room):
 
 
 def test_a_plane_knows_where_it_was_seen(room):
-    planes = support_planes(UP, room.scene.dense.points)
+    planes = support_planes(UP, voxel_downsample(room.scene.dense.points))
     table = np.random.default_rng(0).uniform([-0.6, -0.3], [0.6, 0.3], (50, 2)) @ planes[1].basis[:2, :2].T
     index = np.floor((table - planes[1].origin) / planes[1].cell).astype(int)
     assert planes[1].cells[tuple(index.T)].mean() > 0.8
@@ -45,7 +45,7 @@ def test_a_glossy_floor_is_the_floor_though_its_mirror_images_are_below(room):
     above = points[(points[:, 2] > 0.05) & (points[:, 2] < 0.7)]
     images = above[random.choice(len(above), len(points) // 9)] * [1, 1, -1]
     glossy = np.vstack([points, images])
-    ground = floor_of(support_planes(UP, glossy), glossy)
+    ground = floor_of(support_planes(UP, voxel_downsample(glossy)), glossy)
     assert ground is not None
     assert abs(ground.height) < 0.01
 
@@ -53,7 +53,7 @@ def test_a_glossy_floor_is_the_floor_though_its_mirror_images_are_below(room):
 def test_a_table_is_no_floor(room):
     """If much of the cloud is below the lowest plane, this plane is not the floor."""
     points = room.scene.dense.points
-    planes = support_planes(UP, points)
+    planes = support_planes(UP, voxel_downsample(points))
     assert floor_of(planes[1:], points) is None
     assert floor_of((), points) is None
 
@@ -63,7 +63,7 @@ def test_a_table_is_no_floor(room):
 def test_heights_turn_and_grow_with_the_scene(room, seed, scale):
     turn = Rotation.random(rng=np.random.default_rng(seed)).as_matrix()
     points = room.scene.dense.points
-    planes = support_planes(turn @ UP, scale * points @ turn.T)
+    planes = support_planes(turn @ UP, voxel_downsample(scale * points @ turn.T))
     assert len(planes) == 2
     assert planes[1].height - planes[0].height == pytest.approx(0.72 * scale, rel=0.03)
 
@@ -90,7 +90,7 @@ def test_the_level_around_an_object_is_found_though_hidden_below_it(room):
     """The box on the table: the surface it hides is read off around it; next to the table it is the floor."""
     points = room.scene.dense.points
     basis = np.eye(3)
-    planes = support_planes(UP, points)
+    planes = support_planes(UP, voxel_downsample(points))
     ground = SupportCloud.from_points(voxel_downsample(points) @ basis.T, floor_of(planes, points))
     on_table = find_support_level(ground, corners(0.2, 0), np.array([0, 0, 0.75]), np.array([0.3, 0.3, 1.02]), None)
     assert on_table.height == pytest.approx(0.72, abs=0.015)
@@ -284,7 +284,7 @@ def test_a_plane_has_no_hole_at_a_gap_of_a_tenth_of_the_height_of_the_scene(gap,
     part = np.stack([*np.meshgrid(steps, steps, indexing="ij"), np.zeros((100, 100))], axis=-1).reshape(-1, 3)
     post = np.linspace([0.0, 0.0, 0.0], UP, 3000)
     points = np.concatenate([part, part + np.array([steps[-1] + gap, 0, 0]), post])
-    (floor, *_) = support_planes(UP, points, points)
+    (floor, *_) = support_planes(UP, points)
     row = floor.cells[:, floor.cells.shape[1] // 2]
     first, *_, last = np.flatnonzero(row)
     assert row[first:last].all() == is_closed
@@ -323,7 +323,7 @@ def test_a_level_surface_is_two_and_a_half_bins_thick_to_each_side(height, n_poi
     heights = heights_of({0: 1000, 150: 1000}) - 0.5
     points = np.column_stack([np.tile(np.linspace(0, 60, 1000), 2), np.zeros(2000), heights])
     points = np.vstack([points, np.tile([0, 0, height], (20, 1))])
-    plane = support_planes(UP, points, points)[0]
+    plane = support_planes(UP, points)[0]
     assert (plane.points, plane.cell) == (n_points, pytest.approx(6.0))
 
 

@@ -12,21 +12,13 @@ from crawler.imports.table_files import BadTable, yaml_document
 from crawler.imports.table_items import RowRejected, outcome, row_item
 from crawler.items import RawItem
 from metric_base.length_units import millimetres
+from metric_base.parsing import table_rows
 
 #: Classes of complete parts by the start of their id: category, and column of each axis. For a nut, `s` is the width
 #: across flats and `e` the width across corners; for a washer or a bearing, `d2` is the outer diameter.
-_WHOLE: Mapping[str, tuple[tuple[str, ...], Mapping[str, str]]] = {
-    "hexagonthinnut": (("nut", "hexagon nut"), {"length": "e_min", "width": "s", "height": "m_max"}),
-    "hexagonnut": (("nut", "hexagon nut"), {"length": "e_min", "width": "s", "height": "m_max"}),
-    "plainwasher": (("washer", "plain washer"), {"diameter": "d2", "height": "s"}),
-    "heavydutyplainwasher": (("washer", "plain washer"), {"diameter": "d2", "height": "s"}),
-    "singlerowradialbearing": (("ball bearing",), {"diameter": "d2", "height": "B"}),
-    "doublerowradialbearing": (("ball bearing",), {"diameter": "d2", "height": "B"}),
-    "cylindricalrollerbearing": (("roller bearing",), {"diameter": "d2", "height": "B"}),
-    "axialthrustbearing": (("thrust bearing",), {"diameter": "D_g", "height": "T"}),
-    "round_battery": (("battery", "dry cell"), {"diameter": "d", "height": "h"}),
-    "plateflange": (("pipe flange",), {"diameter": "D", "height": "b"}),
-    "blindflange": (("pipe flange",), {"diameter": "D", "height": "b"}),
+_WHOLE = {
+    row["class"]: (row["category"].split("|"), dict(axis.split("=") for axis in row["axes"].split()))
+    for _, row in table_rows(Path(__file__).with_name("bolts.csv"), ("class", "category", "axes"))
 }
 _UNITS = {"Length (mm)": "mm", "Length (in)": "in"}
 

@@ -16,7 +16,7 @@ from itertools import zip_longest
 from typing import Literal
 
 from crawler.text.tokens import Token, tokens
-from crawler.text.vocabulary import Language, is_component, is_package, plain
+from crawler.text.vocabulary import OTHER_UNITS, Language, is_component, is_package, plain
 from metric_base.length_units import UNIT_MARKS, UNIT_WORDS, filled_units, millimetres
 
 #: Maximum relative difference of one length stated twice: pages round to half a centimetre or an inch.
@@ -34,14 +34,6 @@ PLACEHOLDER_VALUES = (0.01, 0.1, 1.0)
 #: Maximum number of lengths of a size.
 MAX_LENGTHS = 3
 INCHES_PER_FOOT = 12
-_OTHER_UNITS = """
-    kg g gr gramm gram grams grammes grammi gramos gramas lb lbs pound pounds oz ounce ounces ml l
-    liter liters litre litres cl fl gal gallon gallons w watt watts kw v volt volts a mah hz khz ghz
-    mhz db % ° c f k mp megapixel px pixels gb tb mb h hours hour min minutes s sec seconds years year
-    days day pcs pack count stars star reviews sq m2 m² cm2 ft2 cu cm3 m3 ft3 btu lumens lm rpm bar psi
-    dpi nm usd eur gbp euro euros dollars people persons personen
-"""
-_NOT_LENGTH_UNITS = frozenset(_OTHER_UNITS.split())
 _UNIT_ALTERNATIVES = "|".join(re.escape(word) for word in UNIT_WORDS if word[-1].isalpha() or word[-1] == ")")
 #: Words and marks of units. Most texts with a number are prices, dates and counts; this test excludes them quickly.
 _UNIT = re.compile(rf"(?<![^\W\d_])(?:{_UNIT_ALTERNATIVES})(?![^\W\d_xX])|{UNIT_MARKS}|`", re.IGNORECASE)
@@ -291,7 +283,7 @@ def _quantity_at(
             low, high, unit = (low, high, unit) if unit in METRIC else (other, other, other_unit)
             after += len(_LENGTH_IN_BRACKETS)
     # 4. Weights, areas and counts are not lengths.
-    other_units = _NOT_LENGTH_UNITS if unit is None else {"²", "³", "2", "3"}
+    other_units = OTHER_UNITS if unit is None else {"²", "³", "2", "3"}
     is_other = _kind(run, after) in {"word", "other"} and run[after].text in other_units
     # 5. The axis, before the number or after it: `W 30`, `30 W`, `30 cm (width)`, `30 cm in width`.
     axis = None

@@ -39,6 +39,8 @@ _FILE = Path(__file__).with_name("vocabulary.txt")
 _LISTS = {name: words.replace("\n", "|") for name, words in text_sections(_FILE).items()}
 #: Axes by word.
 AXIS_WORDS: Mapping[str, str] = {word: axis for axis in get_args(Axis) for word in _LISTS[axis].split("|")}
+#: Units of numbers that are no lengths.
+OTHER_UNITS = frozenset(_LISTS["other units"].split("|"))
 _SMALL_WORDS = frozenset(_LISTS["small words"].split("|"))
 _PACKAGE, _OTHERS, _WHOLE, _COMPONENT, _DIMENSION = (
     re.compile(rf"\b({_LISTS[name]})\b") for name in ("package", "others", "whole", "component", "dimension")

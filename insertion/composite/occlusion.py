@@ -115,7 +115,7 @@ def occluded_fraction(
     if not (layer.coverage > 0).any():
         return np.zeros(box.shape, np.float32), occluded
     # 1. Points in the box, the surroundings of the object, and its depth, continued beyond its outline.
-    in_box = points.in_box(box.x0, box.y0, box.x1, box.y1)
+    in_box = points.in_box(box)
     inside = points.subset(in_box)
     pixels = inside.pixels - [box.x0, box.y0]
     depths = np.where(is_support[in_box], np.inf, inside.depths)
@@ -403,7 +403,7 @@ def has_unconfirmed_occluder(
     """
     box = layers.box
     observed = np.ones(len(points.rows), dtype=bool) if points.observed is None else points.observed
-    rows = np.flatnonzero(points.in_box(box.x0, box.y0, box.x1, box.y1) & observed & ~is_support)
+    rows = np.flatnonzero(points.in_box(box) & observed & ~is_support)
     pixels = (points.pixels[rows] - [box.x0, box.y0]).astype(np.int64)
     at = pixels[:, 1], pixels[:, 0]
     with np.errstate(invalid="ignore"):  # NaN outside of the object

@@ -95,7 +95,7 @@ def transmitted_light(
     step = max(MIN_STEP_PX, round(view.camera.width / MAX_CELLS_PER_WIDTH))
     cells = (slice(step // 2, None, step),) * 2
     labels = labels_in_box(instances, box)
-    inside = points.inside(box.x0, box.y0, box.x1, box.y1).observed_points()
+    inside = points.subset(points.in_box(box)).observed_points()
     columns, rows = (inside.pixels - [box.x0, box.y0]).astype(np.int64).T
     if not points.dense:
         front = float(view.to_camera(body.position + body.unit * body.corners)[:, 2].min())

@@ -11,6 +11,7 @@ from estimator.projection.visibility import Visibility, project_unoccluded, scen
 from estimator.records.scene import Scene, View
 from insertion.colour import srgb_to_linear
 from insertion.footage.footage import SceneImages
+from insertion.scene.pixel_box import PixelBox
 from insertion.scene.stray_points import stray_points
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 
@@ -56,13 +57,10 @@ class VisiblePoints:
         observed = None if self.observed is None else self.observed[keep]
         return VisiblePoints(self.rows[keep], self.pixels[keep], self.depths[keep], self.dense, observed)
 
-    def in_box(self, x0: int, y0: int, x1: int, y1: int) -> BoolArray:
-        """Return which points (m,) are in a box of pixels, without its ends."""
-        return np.asarray(np.all((self.pixels >= [x0, y0]) & (self.pixels < [x1, y1]), axis=1))
-
-    def inside(self, x0: int, y0: int, x1: int, y1: int) -> VisiblePoints:
-        """Return the points in a box of pixels, without its ends."""
-        return self.subset(self.in_box(x0, y0, x1, y1))
+    def in_box(self, box: PixelBox) -> BoolArray:
+        """Return which points (m,) are in a box of pixels."""
+        inside = (self.pixels >= [box.x0, box.y0]) & (self.pixels < [box.x1, box.y1])
+        return np.asarray(np.all(inside, axis=1))
 
     def observed_points(self) -> VisiblePoints:
         """Return the points that the view is known to observe; all if that is not known."""

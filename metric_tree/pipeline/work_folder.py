@@ -118,12 +118,12 @@ class BuildFolder:
 
 
 def fingerprint(files: Iterable[Path], options: str) -> str:
-    """Return the SHA-256 of the files, the options, the code and word lists of the packages, and the taxonomy."""
+    """Return the SHA-256 of the files, the options, the code and tables of the packages, and the taxonomy."""
     code = (
         path
         for package in ("metric_base", "crawler", "taxonomy", "metric_tree")
         for path in (code_folder() / package).rglob("*")
-        if path.suffix in {".py", ".txt"}
+        if path.suffix in {".csv", ".py", ".txt"}
     )
     tables = (path for path in taxonomy_directory().rglob("*") if path.is_file())
     digest = hashlib.sha256(options.encode())

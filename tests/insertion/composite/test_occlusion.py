@@ -171,7 +171,7 @@ def test_gaps_of_rows_and_of_columns_are_closed() -> None:
 
 def test_a_box_includes_its_first_pixels_and_excludes_its_last() -> None:
     front = VisiblePoints(np.arange(4), np.array([[2.0, 3], [8, 3], [2, 9], [7.9, 8.9]]), np.ones(4), False)
-    assert np.flatnonzero(front.in_box(2, 3, 8, 9)).tolist() == [0, 3]
+    assert np.flatnonzero(front.in_box(PixelBox(2, 3, 8, 9))).tolist() == [0, 3]
 
 
 def test_a_mask_with_an_origin_is_propagated_to_its_position() -> None:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.mapping.features import N_THREADS, FeatureStrategy
-from capture.mapping.incremental import compare_global, finish, mapping, verification_options, write_pairs
+from capture.mapping.incremental import compare_global, finish, mapping, match_pairs
 from capture.mapping.pairs import all_pairs, chosen_pairs, coarse_scores
 from estimator.reconstructions.pycolmap_library import pycolmap
 
@@ -120,13 +120,7 @@ def matches(request: Request) -> dict[str, Any]:
     print_row({"done": 0, "of": len(pairs)})
     for start in range(0, len(pairs), N_PAIRS_AT_ONCE):
         some = [(ids[names[a]], ids[names[b]]) for a, b in pairs[start : start + N_PAIRS_AT_ONCE]]
-        with write_pairs(Path(request["database"]), some) as listed:
-            pycolmap.match_image_pairs(
-                request["database"],
-                matching_options=matching,
-                pairing_options=pycolmap.ImportedPairingOptions(match_list_path=listed),
-                verification_options=verification_options(),
-            )
+        match_pairs(Path(request["database"]), some, matching)
         print_row({"done": start + len(some), "of": len(pairs)})
     with pycolmap.Database.open(request["database"]) as database:
         return {"pairs": [[a, b, *_pair_figures(database, ids[names[a]], ids[names[b]])] for a, b in pairs]}

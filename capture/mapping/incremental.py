@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import math
 import shutil
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -275,11 +274,7 @@ def register_remaining(
                 database.delete_two_view_geometry(first, second)
     options = pycolmap.FeatureMatchingOptions(guided_matching=True)
     options.sift.max_ratio = GUIDED_RATIO
-    with write_pairs(guided, sorted(pairs)) as listed:
-        pairing = pycolmap.ImportedPairingOptions(match_list_path=listed)
-        pycolmap.match_image_pairs(
-            guided, matching_options=options, pairing_options=pairing, verification_options=verification_options()
-        )
+    match_pairs(guided, sorted(pairs), options)
     output = guided.with_suffix(".models")
     output.mkdir()
     continued = mapping_options(request, camera)
@@ -331,19 +326,22 @@ def compare_global(request: Request) -> dict[str, Any]:
     return {"disagreement": None if fit is None else math.sqrt(3) * fit.residual / fit.extent}
 
 
-@contextmanager
-def write_pairs(database: Path, pairs: Sequence[tuple[int, int]]) -> Iterator[Path]:
-    """Write a file of pairs of image ids for COLMAP, which reads two names with a space between.
+def match_pairs(database: Path, pairs: Sequence[tuple[int, int]], options: Any) -> None:
+    """Match and verify pairs of image ids with `pycolmap.FeatureMatchingOptions`.
 
-    Names of images may contain spaces, so that meanwhile the images are named by their ids.
+    COLMAP reads a file of pairs of names with a space between. Names of images may contain spaces, so that meanwhile
+    the images are named by their ids.
     """
     listed = database.with_suffix(".pairs.txt")
     with pycolmap.Database.open(database) as opened:
         names = {image.image_id: image.name for image in opened.read_all_images()}
     rename_images(database, {image_id: str(image_id) for image_id in names})
     listed.write_text("".join(f"{first} {second}\n" for first, second in pairs), encoding="utf-8")
+    pairing = pycolmap.ImportedPairingOptions(match_list_path=listed)
     try:
-        yield listed
+        pycolmap.match_image_pairs(
+            database, matching_options=options, pairing_options=pairing, verification_options=verification_options()
+        )
     finally:
         rename_images(database, names)
         listed.unlink(missing_ok=True)

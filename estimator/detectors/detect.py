@@ -8,9 +8,9 @@ from pathlib import Path
 import cv2
 
 from estimator.detectors.detector import MIN_SCORE, Detections, Detector
-from estimator.instances.view_matching import mask_crop
+from estimator.instances.view_matching import Instances, instance_of_mask
 from estimator.reconstructions.image_files import image_file, image_folders
-from estimator.records.scene import Instance, Scene, View
+from estimator.records.scene import Instance, Scene
 from metric_base.errors import InputError, Unquoted, in_file
 from metric_base.images import checked_image
 from metric_base.progress import ProgressCallback, silent, with_progress
@@ -18,7 +18,7 @@ from metric_base.progress import ProgressCallback, silent, with_progress
 
 def detect_instances(
     scene: Scene, images: Path | None, detector: Detector, progress: ProgressCallback = silent
-) -> tuple[tuple[Instance, ...], tuple[str, ...]]:
+) -> Instances:
     """Detect instances in the images of a scene.
 
     Parameters
@@ -58,7 +58,7 @@ def detect_instances(
         # The orientation of the file is ignored, because keypoints refer to the image as the camera stored it.
         image = checked_image(file, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
         detections = detector(cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
-        instances += _instances(index, scene.views[index], detections, detector)
+        instances += _instances(index, scene, detections, detector)
     if not instances:
         expected = f"a detection of score {MIN_SCORE} or more in one of {len(files)} images"
         raise InputError.at(detector.path, "detections", expected, Unquoted("none"))
@@ -67,15 +67,15 @@ def detect_instances(
     return tuple(instances), (warning,) if missing else ()
 
 
-def _instances(index: int, view: View, detections: Detections, detector: Detector) -> Iterator[Instance]:
+def _instances(index: int, scene: Scene, detections: Detections, detector: Detector) -> Iterator[Instance]:
     """Yield the detections in an image as instances of the view with this index; empty masks are dropped."""
     for number, (label, mask) in enumerate(zip(detections.labels, detections.masks, strict=True)):
         name = detector.labels[label] if 0 <= label < len(detector.labels) else ""
         if not name:
             expected = f"a number with a name (1 to {len(detector.labels) - 1}; name them with --detector-labels)"
             raise InputError.at(detector.path, "label", expected, int(label))
-        with in_file(Path(view.name)):
-            crop = mask_crop(mask, view.camera)
-        if crop is not None:
-            score = float(min(detections.scores[number], 1.0))
-            yield Instance(f"{index}-{number}", index, name, *crop, score=score, from_box=detections.from_boxes)
+        score, identity = float(min(detections.scores[number], 1.0)), f"{index}-{number}"
+        with in_file(Path(scene.views[index].name)):
+            item = instance_of_mask(scene, index, identity, name, mask, score, from_box=detections.from_boxes)
+        if item is not None:
+            yield item

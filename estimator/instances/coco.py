@@ -17,10 +17,11 @@ from estimator.instances.label_images import read_png
 from estimator.instances.mask_decoding import box_mask, checked_image_size, decode_segmentation
 from estimator.instances.view_matching import (
     MAX_ASPECT_DIFFERENCE,
+    Instances,
     ViewLookup,
     aspect_difference,
     finish_instances,
-    mask_crop,
+    instance_of_mask,
     within_limits,
 )
 from estimator.records.scene import Instance, Scene
@@ -49,9 +50,7 @@ class _Dataset:
     categories: dict[Hashable, str]
 
 
-def read_coco(
-    scene: Scene, file: Path, categories: Path | None = None, document: Any = None
-) -> tuple[tuple[Instance, ...], tuple[str, ...]]:
+def read_coco(scene: Scene, file: Path, categories: Path | None = None, document: Any = None) -> Instances:
     """Read a dataset or results of COCO.
 
     Parameters
@@ -199,20 +198,11 @@ def _instance(index: int, entry: object, dataset: _Dataset, scene: Scene) -> Ins
         size = size or (camera.width, camera.height)
         segmentation = annotation.get("segmentation")
         mask = decode_segmentation(segmentation, size) if segmentation else box_mask(annotation.get("bbox"), size)
-        crop = mask_crop(mask, camera)
-    if crop is None:
-        return None
-    track = annotation.get("track_id")
-    return Instance(
-        id=str(annotation.get("id", index)),
-        view=row,
-        category=dataset.categories[category_id],
-        mask=crop[0],
-        origin=crop[1],
-        score=float(score),
-        from_box=not segmentation,
-        track=None if track is None else str(track),
-    )
+        identity, category = str(annotation.get("id", index)), dataset.categories[category_id]
+        track = None if annotation.get("track_id") is None else str(annotation["track_id"])
+        return instance_of_mask(
+            scene, row, identity, category, mask, float(score), from_box=not segmentation, track=track
+        )
 
 
 def _check_boxes(annotations: list[Any], dataset: _Dataset, scene: Scene) -> None:
@@ -273,7 +263,7 @@ def is_panoptic(document: object) -> bool:
     return isinstance(first, dict) and "segments_info" in first
 
 
-def read_panoptic(scene: Scene, file: Path, document: Any) -> tuple[tuple[Instance, ...], tuple[str, ...]]:
+def read_panoptic(scene: Scene, file: Path, document: Any) -> Instances:
     """Read a panoptic dataset; stuff (`isthing` 0) and crowds are omitted.
 
     Returns
@@ -287,7 +277,7 @@ def read_panoptic(scene: Scene, file: Path, document: Any) -> tuple[tuple[Instan
         The file or one of its PNG files is damaged, or the PNG of a view is missing.
     """
     lookup = ViewLookup(scene)
-    instances: list[Instance] = []
+    instances: list[Instance | None] = []
     names: list[str] = []
     with in_file(file):
         categories = _category_names(document)
@@ -302,7 +292,7 @@ def read_panoptic(scene: Scene, file: Path, document: Any) -> tuple[tuple[Instan
                 names.append(name)
                 if row is not None:
                     instances += _segments(scene, row, file, annotation, categories, things)
-    return finish_instances(file, scene, names, instances, ())
+    return finish_instances(file, scene, names, instances)
 
 
 def _segments(
@@ -312,7 +302,7 @@ def _segments(
     annotation: dict[str, Any],
     categories: dict[Hashable, str],
     things: set[Hashable],
-) -> list[Instance]:
+) -> list[Instance | None]:
     """Return the segments of an image that are instances; `things` are the ids of countable categories."""
     name = annotation.get("file_name")
     if not isinstance(name, str) or Path(name).name != name:
@@ -326,7 +316,7 @@ def _segments(
         raise InputError.at(path, "channels", "3, the number of a segment in base 256", 1)
     red, green, blue = (colours[..., channel].astype(np.int64) for channel in range(3))
     numbers = red + 256 * green + 65536 * blue
-    instances = []
+    instances: list[Instance | None] = []
     for field, segment in json_records(annotation.get("segments_info"), "segments_info"):
         with at_field(field):
             category = segment.get("category_id")
@@ -334,9 +324,8 @@ def _segments(
                 raise FieldError("category_id", "a category of the file", category)
             if segment.get("iscrowd") or category not in things:
                 continue
-            crop = mask_crop(numbers == segment.get("id"), scene.views[row].camera)
-            if crop is not None:
-                score = segment.get("score", 1.0)
-                score = float(score) if isinstance(score, int | float) and 0 <= score <= 1 else 1.0
-                instances.append(Instance(f"{row}:{segment.get('id')}", row, categories[category], *crop, score=score))
+            number, score = segment.get("id"), segment.get("score", 1.0)
+            score = float(score) if isinstance(score, int | float) and 0 <= score <= 1 else 1.0
+            mask = np.asarray(numbers == number)
+            instances.append(instance_of_mask(scene, row, f"{row}:{number}", categories[category], mask, score))
     return instances

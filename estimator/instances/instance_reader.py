@@ -11,7 +11,7 @@ from estimator.instances.coco import ignored_categories, is_panoptic, read_coco,
 from estimator.instances.label_images import CATEGORIES, read_label_images
 from estimator.instances.labelme import is_labelme, read_labelme
 from estimator.instances.mask_arrays import LABELS, MASK_SUFFIXES, read_mask_files
-from estimator.instances.view_matching import ViewLookup, finish_instances, mask_crop
+from estimator.instances.view_matching import Instances, ViewLookup, finish_instances, instance_of_mask
 from estimator.instances.yolo import NAME_FILES, read_yolo
 from estimator.reconstructions.image_files import folders_above
 from estimator.records.scene import Instance, Scene
@@ -25,8 +25,6 @@ MasksByImage = Mapping[str, Iterable[tuple[str, BoolArray] | tuple[str, BoolArra
 SOURCE = Path("masks")
 #: Formats of a folder, for a message.
 FORMATS = "COCO (dataset, results, panoptic), label images, YOLO text, labelme, {image}.npz"
-#: Instances and warnings.
-Instances = tuple[tuple[Instance, ...], tuple[str, ...]]
 #: File and folder of the masks of a scene.
 INSTANCES_FILE, INSTANCES_FOLDER = "instances.json", "instances"
 
@@ -157,10 +155,8 @@ def instances_of_masks(masks: MasksByImage, scene: Scene) -> Instances:
             if not 0 <= score <= 1:
                 raise InputError.at(SOURCE, f"image {name!r}", "scores from 0 to 1", score)
             with in_file(SOURCE), at_field(f"image {name!r}"):
-                crop = mask_crop(mask, scene.views[row].camera)
-            if crop is not None:
-                instances[-1] = Instance(str(len(instances)), row, category, *crop, float(score))
-    return finish_instances(SOURCE, scene, list(masks), instances, ())
+                instances[-1] = instance_of_mask(scene, row, str(len(instances)), category, mask, float(score))
+    return finish_instances(SOURCE, scene, list(masks), instances)
 
 
 def _read_folder(scene: Scene, folder: Path, names: Path | None) -> Instances:

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.instances.mask_decoding import checked_image_size
-from estimator.instances.view_matching import MAX_MASKS, ViewLookup, finish_instances, mask_crop
+from estimator.instances.view_matching import MAX_MASKS, Instances, ViewLookup, finish_instances, mask_crop
 from estimator.records.scene import Instance, Scene
 from metric_base.errors import (
     FieldError,
@@ -44,7 +44,7 @@ MAX_COMPARED = 1 << 32
 MAX_DIGITS = 10
 
 
-def read_label_images(scene: Scene, folder: Path) -> tuple[tuple[Instance, ...], tuple[str, ...]]:
+def read_label_images(scene: Scene, folder: Path) -> Instances:
     """Read the instances of all images `<image>.png` of a folder.
 
     Returns

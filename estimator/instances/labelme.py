@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from estimator.instances.mask_decoding import box_mask, checked_image_size, decode_segmentation
-from estimator.instances.view_matching import ViewLookup, finish_instances, mask_crop
+from estimator.instances.view_matching import Instances, ViewLookup, finish_instances, instance_of_mask
 from estimator.records.scene import Instance, Scene
 from metric_base.arrays import BoolArray
 from metric_base.errors import FieldError, at_field, in_file
@@ -29,7 +29,7 @@ def is_labelme(document: object) -> bool:
     return isinstance(document, dict) and "shapes" in document and "imagePath" in document
 
 
-def read_labelme(scene: Scene, files: list[Path], source: Path) -> tuple[tuple[Instance, ...], tuple[str, ...]]:
+def read_labelme(scene: Scene, files: list[Path], source: Path) -> Instances:
     """Read labelme files.
 
     Parameters
@@ -65,7 +65,7 @@ def read_labelme(scene: Scene, files: list[Path], source: Path) -> tuple[tuple[I
             names.append(name if row is None else scene.views[row].name)
             if row is not None:
                 instances += _instances(scene, row, document)
-    return finish_instances(source, scene, names, instances, ())
+    return finish_instances(source, scene, names, instances)
 
 
 def _instances(scene: Scene, row: int, document: dict[str, Any]) -> list[Instance | None]:
@@ -87,12 +87,10 @@ def _instances(scene: Scene, row: int, document: dict[str, Any]) -> list[Instanc
                     other, other_is_box = masks[key]
                     mask, is_box = other | mask, other_is_box and is_box
                 masks[key] = (mask, is_box)
-    instances: list[Instance | None] = []
-    for (label, name), (mask, is_box) in masks.items():
-        crop = mask_crop(mask, camera)
-        if crop is not None:
-            instances.append(Instance(f"{row}:{name}", row, label, *crop, from_box=is_box))
-    return instances
+    return [
+        instance_of_mask(scene, row, f"{row}:{name}", label, mask, from_box=is_box)
+        for (label, name), (mask, is_box) in masks.items()
+    ]
 
 
 def _mask(shape: dict[str, Any], size: tuple[int, int]) -> BoolArray | None:

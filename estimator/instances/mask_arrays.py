@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from estimator.instances.mask_decoding import decode_segmentation
-from estimator.instances.view_matching import MAX_MASKS, ViewLookup, finish_instances, mask_crop
+from estimator.instances.view_matching import MAX_MASKS, Instances, instance_of_mask, read_image_files
 from estimator.projection.cameras import MAX_PIXELS
 from estimator.records.scene import Instance, Scene
 from metric_base.arrays import BoolArray
@@ -33,9 +33,7 @@ MAX_MASK_BYTES = 1 << 29
 ImageMasks = tuple[list[BoolArray], list[object], list[float]]
 
 
-def read_mask_files(
-    scene: Scene, folder: Path, files: list[Path], labels_file: Path | None = None
-) -> tuple[tuple[Instance, ...], tuple[str, ...]]:
+def read_mask_files(scene: Scene, folder: Path, files: list[Path], labels_file: Path | None = None) -> Instances:
     """Read mask files of a folder.
 
     Parameters
@@ -63,24 +61,22 @@ def read_mask_files(
     if path.is_file():
         with in_file(path):
             labels = json_object(read_json(path))
-    lookup = ViewLookup(scene)
-    instances: list[Instance | None] = []
     n_unnamed = 0
-    for file in files:
-        row = lookup.row_of_stem(file.stem)
-        if row is None:
-            continue
-        with in_file(file):
-            masks, mask_labels, scores = _read(file)
-            names = _names(len(masks), mask_labels, labels, scene.views[row].name, file.stem)
-            for number, (mask, name) in enumerate(zip(masks, names, strict=True)):
-                n_unnamed += name is None
-                crop = None if name is None else mask_crop(np.asarray(mask > 0), scene.views[row].camera)
-                if name is not None and crop is not None:
-                    score = scores[number] if scores else 1.0
-                    instances.append(Instance(f"{row}:{number}", row, name, *crop, score=score))
-    warnings = [f"{folder}: {n_unnamed} masks without a label are omitted"] if n_unnamed else []
-    return finish_instances(folder, scene, [lookup.name_of_stem(file.stem) for file in files], instances, warnings)
+
+    def read(file: Path, row: int) -> Iterator[Instance | None]:
+        nonlocal n_unnamed
+        masks, mask_labels, scores = _read(file)
+        names = _names(len(masks), mask_labels, labels, scene.views[row].name, file.stem)
+        for number, (mask, name) in enumerate(zip(masks, names, strict=True)):
+            if name is None:
+                n_unnamed += 1
+                continue
+            score = float(min(max(scores[number], 0.0), 1.0)) if scores else 1.0
+            yield instance_of_mask(scene, row, f"{row}:{number}", name, np.asarray(mask > 0), score)
+
+    instances, warnings = read_image_files(folder, scene, files, read)
+    unnamed = (f"{folder}: {n_unnamed} masks without a label are omitted",) if n_unnamed else ()
+    return instances, (*unnamed, *warnings)
 
 
 def _names(count: int, mask_labels: list[object], labels: dict[str, Any], image: str, stem: str) -> list[str | None]:
@@ -116,7 +112,7 @@ def _read(file: Path) -> ImageMasks:
                     next((entry[key] for key in ("label", "category", "class_name") if key in entry), None)
                 )
                 score = entry.get("score", entry.get("predicted_iou", 1.0))
-                sam_scores.append(float(min(max(score, 0.0), 1.0)) if isinstance(score, int | float) else 1.0)
+                sam_scores.append(score if isinstance(score, int | float) else 1.0)
         return sam_masks, sam_labels if any(label is not None for label in sam_labels) else [], sam_scores
     arrays = dict(_arrays(read_bytes(file, limit=MAX_MASK_BYTES), file.suffix))
     masks = arrays.get("masks", next(iter(arrays.values()), np.empty(0)))
@@ -125,9 +121,7 @@ def _read(file: Path) -> ImageMasks:
     if masks.ndim != 3 or masks.dtype.kind not in "buif" or len(masks) > MAX_MASKS or masks[0:1].size > MAX_PIXELS:
         raise FieldError("masks", "(n, h, w) of numbers or truth values", (masks.shape, str(masks.dtype)))
     labels, scores = arrays.get("labels", np.empty(0)), arrays.get("scores", np.empty(0))
-    numbers = (
-        [float(min(max(score, 0.0), 1.0)) for score in scores.ravel().tolist()] if scores.dtype.kind in "fiu" else []
-    )
+    numbers = scores.ravel().tolist() if scores.dtype.kind in "fiu" else []
     expect(not (numbers and len(numbers) != len(masks)), "scores", f"{len(masks)}, as many as masks", len(numbers))
     return list(masks), labels.ravel().tolist(), numbers
 

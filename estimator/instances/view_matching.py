@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path, PurePosixPath
 
 import numpy as np
@@ -12,6 +12,8 @@ from estimator.records.scene import Camera, Instance, Scene
 from metric_base.arrays import BoolArray
 from metric_base.errors import FieldError, InputError, Unquoted, expect, in_file
 
+#: Instances and warnings.
+Instances = tuple[tuple[Instance, ...], tuple[str, ...]]
 #: Maximum number of masks of an image.
 MAX_MASKS = 10_000
 #: Maximum size of the crops of all masks of a scene in bytes, which are in memory: 8,000 masks of half a megapixel.
@@ -37,7 +39,6 @@ class ViewLookup:
         self._by_name = {name: row for row, name in enumerate(names)}
         self._by_base = {base: row for row, base in enumerate(bases) if n_bases[base] == 1}
         self._by_stem = {stem: row for row, stem in enumerate(stems) if n_stems[stem] == 1}
-        self._names = [view.name for view in scene.views]
 
     def row(self, file_name: str) -> int | None:
         """Return the view of an image file, or None."""
@@ -51,15 +52,36 @@ class ViewLookup:
         row = self.row(stem)
         return self._by_stem.get(_normalised(stem)) if row is None else row
 
-    def name_of_stem(self, stem: str) -> str:
-        """Return the name of this view, or the stem if there is none."""
-        row = self.row_of_stem(stem)
-        return stem if row is None else self._names[row]
+
+def read_image_files(
+    source: Path, scene: Scene, files: Iterable[Path], read: Callable[[Path, int], Iterable[Instance | None]]
+) -> Instances:
+    """Read files that have the names of their images, and finish the instances (`finish_instances`).
+
+    Parameters
+    ----------
+    source : Path
+        Folder of the masks, for messages.
+    scene : Scene
+    files : iterable of Path
+    read : callable
+        Function of a file and the index of its view. It returns the instances of the file.
+    """
+    lookup = ViewLookup(scene)
+    names: list[str] = []
+    instances: list[Instance | None] = []
+    for file in files:
+        row = lookup.row_of_stem(file.stem)
+        names.append(file.stem if row is None else scene.views[row].name)
+        if row is not None:
+            with in_file(file):
+                instances += read(file, row)
+    return finish_instances(source, scene, names, instances)
 
 
 def finish_instances(
-    file: Path, scene: Scene, names: Sequence[str], entries: Iterable[Instance | None], warnings: Iterable[str]
-) -> tuple[tuple[Instance, ...], tuple[str, ...]]:
+    file: Path, scene: Scene, names: Sequence[str], entries: Iterable[Instance | None], warnings: Iterable[str] = ()
+) -> Instances:
     """Drop missing instances, and warn about images that match no view.
 
     Parameters
@@ -101,6 +123,22 @@ def within_limits(entries: Iterable[Instance | None]) -> Iterator[Instance | Non
             expect(by_view[instance.view] <= MAX_MASKS, "masks", f"at most {MAX_MASKS:,} of an image", Unquoted("more"))
             expect(n_bytes <= MAX_SCENE_BYTES, "masks", f"at most {MAX_SCENE_BYTES:,} pixels in all", Unquoted("more"))
         yield instance
+
+
+def instance_of_mask(
+    scene: Scene,
+    row: int,
+    identity: str,
+    category: str,
+    mask: BoolArray,
+    score: float = 1.0,
+    *,
+    from_box: bool = False,
+    track: str | None = None,
+) -> Instance | None:
+    """Return the instance of a mask (h, w) in the view with the index `row`; None if the mask is empty."""
+    crop = mask_crop(mask, scene.views[row].camera)
+    return None if crop is None else Instance(identity, row, category, *crop, score, from_box, track)
 
 
 def mask_crop(

@@ -7,14 +7,15 @@ the classes are in `data.yaml` (its `names`), or in `classes.txt`, one per line.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 from estimator.instances.mask_decoding import box_mask, decode_segmentation
-from estimator.instances.view_matching import ViewLookup, finish_instances, mask_crop
+from estimator.instances.view_matching import Instances, instance_of_mask, read_image_files
 from estimator.records.scene import Instance, Scene
-from metric_base.errors import FieldError, InputError, Unquoted, at_field, expect, in_file
+from metric_base.errors import FieldError, InputError, Unquoted, at_field, expect
 from metric_base.input_files import folder_entries, read_text
 
 NAME_FILES = ("data.yaml", "data.yml", "dataset.yaml", "classes.txt", "obj.names")
@@ -26,9 +27,7 @@ _BOX, _BOX_AND_SCORE = 5, 6
 _MAX_COORDINATE = 1e9
 
 
-def read_yolo(
-    scene: Scene, folder: Path, names_file: Path | None = None
-) -> tuple[tuple[Instance, ...], tuple[str, ...]]:
+def read_yolo(scene: Scene, folder: Path, names_file: Path | None = None) -> Instances:
     """Read a folder of text files.
 
     Parameters
@@ -62,17 +61,14 @@ def read_yolo(
         for file in folder_entries(folder / subfolder)
         if file.suffix == ".txt" and file.name not in NAME_FILES
     ]
-    lookup = ViewLookup(scene)
-    instances: list[Instance | None] = []
-    for file in files:
-        row = lookup.row_of_stem(file.stem)
-        if row is not None:
-            with in_file(file):
-                for number, line in enumerate(read_text(file).splitlines() if file.stat().st_size else [], start=1):
-                    if line.strip():
-                        with at_field(f"line {number}"):
-                            instances.append(_instance(scene, row, f"{row}:{number}", line, categories))
-    return finish_instances(folder, scene, [lookup.name_of_stem(file.stem) for file in files], instances, ())
+
+    def read(file: Path, row: int) -> Iterator[Instance | None]:
+        for number, line in enumerate(read_text(file).splitlines() if file.stat().st_size else [], start=1):
+            if line.strip():
+                with at_field(f"line {number}"):
+                    yield _instance(scene, row, f"{row}:{number}", line, categories)
+
+    return read_image_files(folder, scene, files, read)
 
 
 def yolo_names(file: Path) -> dict[int, str]:
@@ -118,5 +114,4 @@ def _instance(scene: Scene, row: int, identity: str, line: str, categories: dict
     else:
         corners = numbers[1 : len(numbers) - has_score].reshape(-1, 2) * size
         mask = decode_segmentation([corners.ravel().tolist()], size)
-    crop = mask_crop(mask, camera)
-    return None if crop is None else Instance(identity, row, category, *crop, score=score, from_box=is_box)
+    return instance_of_mask(scene, row, identity, category, mask, score, from_box=is_box)

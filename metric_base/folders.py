@@ -5,6 +5,9 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+#: Environment variable with the folder of files that can be made again; outputs are in `outputs` until their upload.
+CACHE_VARIABLE = "METRIC_TREE_CACHE"
+
 
 def code_folder() -> Path:
     """The folder that holds the packages: the checkout, or `site-packages`."""

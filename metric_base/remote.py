@@ -18,13 +18,12 @@ from typing import Any
 
 from metric_base.errors import MAX_SHOWN, InputError, Unquoted
 from metric_base.files import inside
+from metric_base.folders import CACHE_VARIABLE
 
 #: Library of each scheme, the extra of the same name.
 LIBRARIES = {"s3": "s3fs", "gs": "gcsfs", "az": "adlfs"}
 #: Half the bytes of a request: three requests for a block of a build, with 5 % that belongs to the next one.
 REQUEST_BYTES = 2 << 20
-#: Environment variable with the folder of files that can be made again; outputs are in `outputs` until their upload.
-CACHE_VARIABLE = "METRIC_TREE_CACHE"
 #: File that makes a folder a release. It is uploaded last.
 COMPLETION_MARK = "manifest.json"
 #: Temporary folders with fetched inputs, by path and part of `fetched`.

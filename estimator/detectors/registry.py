@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from metric_base.errors import InputError, Unquoted
-from metric_base.folders import data_folder
+from metric_base.folders import CACHE_VARIABLE, data_folder
 from metric_base.progress import NoticeCallback, no_notice
 from metric_base.records import toml_table
 
@@ -20,8 +20,6 @@ from metric_base.records import toml_table
 AUTO = "auto"
 #: Maximum time for the size of a file before its download, in seconds.
 SIZE_TIMEOUT_S = 10.0
-#: Environment variable with the folder of downloaded detectors (default: the cache of the user).
-CACHE_VARIABLE = "METRIC_TREE_CACHE"
 
 _SHA256 = re.compile("[0-9a-f]{64}")
 

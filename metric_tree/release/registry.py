@@ -18,8 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from metric_base.errors import InputError
-from metric_base.folders import data_folder
-from metric_base.remote import CACHE_VARIABLE, fetched
+from metric_base.folders import CACHE_VARIABLE, data_folder
 from metric_tree.release.release import MANIFEST, BadRelease, open_release, sha256
 
 #: Environment variables: path or address of the registry, and folders with further releases, separated as in PATH.
@@ -174,6 +173,8 @@ def release_directory(ref: str | Path | None = None, licence: str | None = None)
     for directory in available:
         if directory.name == str(ref):
             return directory
+    from metric_base.remote import fetched  # not needed by queries of an available version
+
     if (folder := fetched(Path(ref))).is_dir():
         return folder
     if re.fullmatch(r"\d+\.\d+\.\d+[\w.-]*", str(ref)) and os.environ.get(REGISTRY_VARIABLE):

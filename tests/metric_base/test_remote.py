@@ -8,7 +8,7 @@ from pathlib import Path
 import fsspec
 import pytest
 
-from metric_base import remote
+from metric_base import folders, remote
 from metric_base.errors import InputError
 from metric_base.remote import StoreError, fetched, file_identity, file_size, opened, remote_files, staged
 
@@ -19,7 +19,7 @@ FOLDER = Path("memory://bucket/raw")
 def store(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[fsspec.AbstractFileSystem]:
     """A store with two files; the cache is in `tmp_path`."""
     monkeypatch.setattr(remote, "LIBRARIES", {"memory": "fsspec"})
-    monkeypatch.setenv(remote.CACHE_VARIABLE, str(tmp_path / "cache"))
+    monkeypatch.setenv(folders.CACHE_VARIABLE, str(tmp_path / "cache"))
     system = fsspec.filesystem("memory")
     system.pipe({"/bucket/raw/a.jsonl": b"abc", "/bucket/raw/pictures/b.png": b"de"})
     yield system

@@ -170,8 +170,7 @@ def multi_object_classes(
     All nodes are then evaluated in this range.
     """
     across = np.array([hypothesis.error.across for hypothesis in hypotheses.hypotheses]).transpose(1, 2, 0)
-    exponent = hypotheses.exponent
-    nodes = node_lines(components, hypotheses.entry, across, exponent)
+    nodes = node_lines(components, hypotheses.entry, across, hypotheses.exponent)
     # Coefficients (10, m) of the log of each component on the nodes of its hypothesis.
     vectors = nodes.vectors.take(hypotheses.entry[components.object], axis=2)  # (3, 4, m)
     rows = quadratic_coefficients(vectors, np.einsum("abm,bkm->akm", components.precision, vectors))
@@ -179,7 +178,7 @@ def multi_object_classes(
     rows[CONSTANT] += components.log_constant
     search = np.linspace(u[0], u[-1], max(len(u) // SEARCH_STRIDE, MIN_CLASS_POINTS))
     everywhere = np.repeat([[0.5 * (u[0] + u[-1])], [0.5 * (u[-1] - u[0])]], len(hypotheses.hypotheses), axis=1)
-    log_central = _log_products(rows, nodes, components, exponent, everywhere, (1, len(search)))[0][:, 0]  # (w, f)
+    log_central = _log_products(rows, nodes, components, hypotheses, everywhere, (1, len(search)))[0][:, 0]  # (w, f)
 
     centre, half, peak_height = _ranges(log_central, search)  # (w,)
     # Only hypotheses matter whose evidence is close to the best one with the same vertical extent. The shared error
@@ -198,7 +197,6 @@ def multi_object_classes(
         components = components.of(np.flatnonzero(keep[hypotheses.entry]))
         hypotheses, nodes, centre, half = hypotheses.of(keep), nodes.of(keep), centre[keep], half[keep]
         along_sd, extent, log_weight = along_sd[keep], extent[keep], log_weight[keep]
-        exponent = hypotheses.exponent
     needed = math.ceil(float((2 * half / (MAX_KERNEL_STEP_SIGMAS * along_sd)).max()))
     n_points = min(max(MIN_CLASS_POINTS, needed), MAX_CLASS_POINTS)
     class_grids = centre[:, None] + half[:, None] * np.linspace(-1, 1, n_points)  # (w, h)
@@ -207,7 +205,7 @@ def multi_object_classes(
     # this, the likelihood has a ripple with the step of the grid, and the posterior a mode on each crest.
     along_sd = np.maximum(along_sd, step / MAX_KERNEL_STEP_SIGMAS)
     interval = np.array([centre, half])
-    log_node, outlier = _log_products(rows, nodes, components, exponent, interval, (len(NODES), n_points))
+    log_node, outlier = _log_products(rows, nodes, components, hypotheses, interval, (len(NODES), n_points))
     log_node += log_weight[:, None, None]
     top = log_node.max(axis=(1, 2))[:, None]  # (w, 1)
     value = np.exp(log_node - top[:, None]).sum(axis=1)  # (w, h)
@@ -250,7 +248,7 @@ def _log_products(
     rows: FloatArray,
     nodes: NodeLines,
     components: ObjectComponents,
-    exponent: NDArray[np.float32],
+    hypotheses: ClassHypotheses,
     interval: FloatArray,
     shape: tuple[int, int],
 ) -> tuple[FloatArray, NDArray[np.float32]]:
@@ -262,8 +260,7 @@ def _log_products(
         Coefficients of `MONOMIALS` in the log of each component.
     nodes : NodeLines
     components : ObjectComponents
-    exponent : (w, e) ndarray of float32
-        Exponent of each entry in the product of each hypothesis.
+    hypotheses : ClassHypotheses
     interval : (2, w) ndarray of float
         Middle and half width of the uniform grid over u' of each hypothesis.
     shape : (j, h)
@@ -274,11 +271,11 @@ def _log_products(
     Single precision takes a third of the time. The error of an exponent of 1,000 is 1e-4, 10 % of the nodes' error.
     """
     basis = monomials(*shape)
-    coefficients = on_interval(rows, *interval.take(exponent.argmax(axis=0)[components.object], axis=1))
+    coefficients = on_interval(rows, *interval.take(hypotheses.entry[components.object], axis=1))
     values = exponentials(coefficients.astype(np.float32).T @ basis.astype(np.float32))  # (m, j h)
     floor = np.exp(components.log_floor).astype(np.float32)[:, None]
     density = _object_sums(values, components) + floor
-    log_product = exponent @ np.log(density)
+    log_product = hypotheses.exponent @ np.log(density)
     log_product = log_product + on_interval(nodes.log_weight, *interval).T @ basis
     return log_product.reshape(-1, *shape) + LOG_NODE[: shape[0], None], (floor / density).reshape(-1, *shape)
 

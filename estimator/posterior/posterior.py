@@ -153,6 +153,8 @@ class Estimate:
 class Posterior(Estimate):
     """Posterior of the scale, with the terms of each class."""
 
+    #: Likelihood components of each object alone.
+    components: ObjectComponents
     #: (c,) node ids.
     classes: tuple[str, ...]
     #: (g,) grid of log scale.
@@ -255,6 +257,7 @@ def posterior(evidence: Sequence[ObjectEvidence], gaussians: FloatArray | None =
         reason=reason,
         weight=weight,
         own_scale=np.exp(peak),
+        components=components,
         classes=tuple(names),
         coarse=u,
         class_log_likelihood=log_likelihood,
@@ -264,9 +267,8 @@ def posterior(evidence: Sequence[ObjectEvidence], gaussians: FloatArray | None =
     )
 
 
-def object_curves(evidence: Sequence[ObjectEvidence], log_scale: FloatArray) -> FloatArray:
+def object_curves(components: ObjectComponents, log_scale: FloatArray) -> FloatArray:
     """Return the likelihood (n, g) of each single object, relative to the outlier density, for figures."""
-    components = rows(measurement_arrays(evidence))
     density = line_density(components, log_scale)
     return np.asarray(density + np.exp(components.log_floor)[:, None])
 

@@ -175,7 +175,8 @@ def scale_of_objects(
     if estimate is not None and evidence.objects:
         without_support = _without_support(evidence, options)
         without_each = _without_each_class(estimate, evidence) if options.leave_one_class_out else None
-        rows = object_curves(evidence.objects[:MAX_CURVES], estimate.curve.log_scale)
+        drawn = estimate.components.of(np.arange(min(len(evidence.objects), MAX_CURVES)))
+        rows = object_curves(drawn, estimate.curve.log_scale)
         curves = {objects[index].id: row for index, row in zip(evidence.indices, rows, strict=False)}
     return build_result(
         evidence,

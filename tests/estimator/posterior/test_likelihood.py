@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import tracemalloc
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import permutations
 
@@ -16,7 +16,15 @@ from scipy.stats import multivariate_normal
 
 from estimator.posterior import axis_assignments, object_likelihood
 from estimator.posterior.axis_assignments import LOG_BOX, TRUNCATION_MIXTURE, VERTICAL, Layout, variants
-from estimator.posterior.object_likelihood import COLUMNS, ROWS, inverse, measurement_arrays, rows, usable
+from estimator.posterior.object_likelihood import (
+    COLUMNS,
+    ROWS,
+    ObjectEvidence,
+    inverse,
+    measurement_arrays,
+    rows,
+    usable,
+)
 from estimator.posterior.posterior import object_curves
 from metric_base.arrays import FloatArray
 from metric_tree.prior import Prior
@@ -39,6 +47,11 @@ def no_gross_errors(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     object_likelihood.layout_table.cache_clear()
 
 
+def _curves(items: Sequence[ObjectEvidence], u: FloatArray) -> FloatArray:
+    """Return the likelihood (n, g) of each object."""
+    return object_curves(rows(measurement_arrays(items)), u)
+
+
 def _density(of: Prior, y: FloatArray, u: float, order: tuple[int, ...], sigma: float) -> float:
     """Plain mixture density of log extents y assigned to the prior's axes by `order`, relative to the outlier's."""
     x = y[list(order)] + u + math.log(1000)
@@ -58,7 +71,7 @@ def test_curve_is_the_mixture_on_the_line(u: float, stretch: list[float], sigma:
     # far from equal sides, so that one order is certain
     sizes[0] = max(sizes[0], sizes[1] * 2.4)
     item = evidence(CHAIR, sizes, sigma=sigma)
-    found = object_curves([item], np.array([u, u + 1e-3]))[0, 0]
+    found = _curves([item], np.array([u, u + 1e-3]))[0, 0]
     expected = (1 - OUTLIER_PROBABILITY) * _density(CHAIR, np.log(sizes), u, (0, 1, 2), sigma) + OUTLIER_PROBABILITY
     assert found == pytest.approx(expected, rel=2e-3)
 
@@ -73,7 +86,7 @@ def test_errors_that_go_together_are_in_the_density() -> None:
     for weight, mean, covariance in zip(CHAIR.weights, CHAIR.means, CHAIR.covariances, strict=True):
         spread = covariance + CHAIR.shared_covariance + noise
         expected += weight * multivariate_normal(mean, spread).pdf(np.log(1000 * sizes)) * LOG_BOX**3
-    found = object_curves([item], np.array([0.0, 1e-3]))[0, 0]
+    found = _curves([item], np.array([0.0, 1e-3]))[0, 0]
     assert found == pytest.approx((1 - OUTLIER_PROBABILITY) * expected + OUTLIER_PROBABILITY, rel=2e-3)
 
 
@@ -81,7 +94,7 @@ def test_errors_that_go_together_are_in_the_density() -> None:
 def test_free_box_sums_all_orders() -> None:
     sizes = np.array([1.0, 0.6, 0.5])
     item = evidence(CHAIR, sizes, vertical_known=False)
-    found = object_curves([item], np.array([-0.05, 0.0]))[0, 1]
+    found = _curves([item], np.array([-0.05, 0.0]))[0, 1]
     total = sum(_density(CHAIR, np.log(sizes), 0.0, order, 0.03) for order in permutations(range(3)))
     assert found == pytest.approx((1 - OUTLIER_PROBABILITY) * total + OUTLIER_PROBABILITY, rel=2e-3)
 
@@ -90,14 +103,14 @@ def test_free_box_sums_all_orders() -> None:
 def test_lying_object_may_stand() -> None:
     book = prior("book.n.01", [(240, 170, 25)])
     standing = evidence(book, (0.17, 0.025, 0.24), pose="flat")
-    found = object_curves([standing], np.array([-0.02, 0.0]))[0, 1]
+    found = _curves([standing], np.array([-0.02, 0.0]))[0, 1]
     # length stands up; width and height lie, in either order of the sorted sides
     total = VERTICAL["flat"][0] * (
         _density(book, np.log([0.17, 0.025, 0.24]), 0.0, (2, 0, 1), 0.03)
         + _density(book, np.log([0.17, 0.025, 0.24]), 0.0, (2, 1, 0), 0.03)
     )
     assert found == pytest.approx((1 - OUTLIER_PROBABILITY) * total + OUTLIER_PROBABILITY, rel=2e-3)
-    upright = object_curves([evidence(book, (0.17, 0.025, 0.24))], np.array([-0.02, 0.0]))[0, 1]
+    upright = _curves([evidence(book, (0.17, 0.025, 0.24))], np.array([-0.02, 0.0]))[0, 1]
     assert upright < 2 * OUTLIER_PROBABILITY
 
 
@@ -107,14 +120,14 @@ def test_a_pose_is_a_probability_and_any_pose_knows_no_vertical() -> None:
     book = prior("book.n.01", [(240, 170, 25)])
     sizes = [(0.24, 0.17, 0.025), (0.17, 0.025, 0.24), (0.24, 0.025, 0.17)]
     u = np.linspace(-0.1, 0.1, 5)
-    one, *others = (object_curves([evidence(book, size, pose="any")], u)[0] for size in sizes)
+    one, *others = (_curves([evidence(book, size, pose="any")], u)[0] for size in sizes)
     for other in others:
         assert other == pytest.approx(one, rel=1e-3)
 
 
 def test_missing_dimension_is_marginalised() -> None:
     item = evidence(CHAIR, (math.nan, math.nan, 1.0))
-    found = object_curves([item], np.array([-0.01, 0.0]))[0, 1]
+    found = _curves([item], np.array([-0.01, 0.0]))[0, 1]
     total = 0.0
     for weight, mean, covariance in zip(CHAIR.weights, CHAIR.means, CHAIR.covariances, strict=True):
         sd = math.sqrt(covariance[2, 2] + CHAIR.shared_covariance[2, 2] + 0.03**2)
@@ -126,11 +139,11 @@ def test_missing_dimension_is_marginalised() -> None:
 def test_cut_side_is_rather_short_than_long() -> None:
     """A truncated height of 2 chairs is stronger evidence against a chair than half a chair."""
     u = np.linspace(-2, 2, 401)
-    whole = object_curves([evidence(CHAIR, (0.56, 0.54, 0.5), sigma=0.03)], u)[0]
-    cut = object_curves([evidence(CHAIR, (0.56, 0.54, 0.5), sigma=0.03, cut=(False, False, True))], u)[0]
+    whole = _curves([evidence(CHAIR, (0.56, 0.54, 0.5), sigma=0.03)], u)[0]
+    cut = _curves([evidence(CHAIR, (0.56, 0.54, 0.5), sigma=0.03, cut=(False, False, True))], u)[0]
     assert u[cut.argmax()] == pytest.approx(0.05, abs=0.08)  # length and width are right at scale one
     assert cut.max() > 2 * whole.max()
-    tall = object_curves([evidence(CHAIR, (0.56, 0.54, 2.0), sigma=0.03, cut=(False, False, True))], u)[0]
+    tall = _curves([evidence(CHAIR, (0.56, 0.54, 2.0), sigma=0.03, cut=(False, False, True))], u)[0]
     assert tall.max() < cut.max() / 2
 
 
@@ -163,9 +176,9 @@ def test_variants_are_a_distribution(pose: str, vertical: bool, missing: list[bo
 def test_one_gross_error_is_borne() -> None:
     """A chair with half its height keeps its scale by the other two sides; with two such sides it is an outlier."""
     u = np.linspace(-1.5, 1.5, 601)
-    one = object_curves([evidence(CHAIR, (0.56, 0.54, 0.48), sigma=0.02)], u)[0]
+    one = _curves([evidence(CHAIR, (0.56, 0.54, 0.48), sigma=0.02)], u)[0]
     assert abs(u[one.argmax()]) < 0.2  # a joint fit would say 0.4
-    two = object_curves([evidence(CHAIR, (1.4, 0.54, 0.48), sigma=0.02)], u)[0]
+    two = _curves([evidence(CHAIR, (1.4, 0.54, 0.48), sigma=0.02)], u)[0]
     assert two.max() < one.max() / 5
 
 
@@ -190,8 +203,8 @@ def test_usable_dimensions_are_those_of_the_prior() -> None:
 def test_sorted_prior_sorts_the_object() -> None:
     stone = prior("stone.n.01", [(90, 60, 40)], dims=("extent1", "extent2", "extent3"))
     u = np.linspace(-1, 1, 201)
-    lying = object_curves([evidence(stone, (0.09, 0.06, 0.04))], u)
-    standing = object_curves([evidence(stone, (0.06, 0.04, 0.09))], u)
+    lying = _curves([evidence(stone, (0.09, 0.06, 0.04))], u)
+    standing = _curves([evidence(stone, (0.06, 0.04, 0.09))], u)
     assert np.allclose(lying, standing)
 
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from metric_base.errors import InputError
 from metric_base.parsing import stated_numbers
 from metric_cli.batch import BatchCommand, batch_run, check_batch_options
-from metric_cli.errors import exit_status
+from metric_cli.errors import INPUT_ERROR, exit_status
 from metric_cli.insert_object.parser import POSITION_OPTIONS, PROGRAM, parser
 from metric_cli.parser import parse_up, same_named
 
@@ -47,6 +47,9 @@ BATCH = BatchCommand(PROGRAM, __name__, (), parser, batch_columns)
 def main(argv: Sequence[str] | None = None) -> int:
     """Run `insert-object`; the exit status is 0, 2 or 1."""
     arguments = list(sys.argv[1:] if argv is None else argv)
+    if arguments[:1] == ["study"] and not Path("study").is_dir():
+        sys.stderr.write("insert-object: the user study has moved to `python -m benchmarks.user_study` in a clone\n")
+        return INPUT_ERROR
     return exit_status(PROGRAM, batch_run(BATCH, arguments) or (lambda: run(*parse_request(arguments), arguments)))
 
 
